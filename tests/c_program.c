@@ -62,8 +62,13 @@ int main(int count, char **arguments) {
     const phasestereo_setting settings[] = {{"median", "0"}, {"min_confidence", " 0.25 "}, {"lr_check", "none"}};
     const phasestereo_setting vertical[] = {{"vertical", "true"}};
     const int is_settings = strcmp(arguments[8], "settings") == 0, is_vertical = strcmp(arguments[8], "vertical") == 0;
+    const uint32_t keep = strcmp(arguments[8], "trusted") == 0   ? PHASESTEREO_TRUSTED
+                          : strcmp(arguments[8], "checked") == 0 ? PHASESTEREO_CHECKED
+                          : strcmp(arguments[8], "sure") == 0    ? PHASESTEREO_CHECKED + 1
+                                                                 : PHASESTEREO_ALL;
     phasestereo_matcher *matcher = is_settings   ? phasestereo_new(NULL, settings, 3, 2)
                                    : is_vertical ? phasestereo_new("fast", vertical, 1, 2)
+                                                 : keep != 0   ? phasestereo_new("robust", NULL, 0, 2)
                                                  : phasestereo_new(arguments[8], NULL, 0, 2);
     if (matcher == NULL) {
         printf("%s\n", phasestereo_error());
@@ -75,7 +80,7 @@ int main(int count, char **arguments) {
     planes = (float *)room(3 * pixels * sizeof(float));
     flags = (uint16_t *)room(pixels * sizeof(uint16_t));
     const ptrdiff_t row = (ptrdiff_t)(width * sizeof(float));
-    const phasestereo_map map = {sizeof map, planes, row, flags, row / 2, planes + pixels, row, planes + 2 * pixels, row, NULL, 0};
+    const phasestereo_map map = {sizeof map, planes, row, flags, row / 2, planes + pixels, row, planes + 2 * pixels, row, NULL, 0, keep};
     phasestereo_found found, checked;
     found.struct_size = checked.struct_size = sizeof found;
     phasestereo_status (*const match)(const phasestereo_matcher *, const phasestereo_image *, const phasestereo_image *,
@@ -90,7 +95,7 @@ int main(int count, char **arguments) {
     tell_findings("matched");
 
     /* What a check finds is what the match has found; and a map that nobody wants is not written. */
-    const phasestereo_map nothing = {sizeof nothing, NULL, 0, NULL, 0, NULL, 0, NULL, 0, NULL, 0};
+    const phasestereo_map nothing = {sizeof nothing, NULL, 0, NULL, 0, NULL, 0, NULL, 0, NULL, 0, 0};
     if (phasestereo_check(matcher, &left, &right, 0, disparities, &checked) != PHASESTEREO_STATUS_OK) return 3;
     if (checked.num_disparities != found.num_disparities) return 3;
     tell_findings("checked");

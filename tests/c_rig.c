@@ -1,6 +1,6 @@
-/* Rectifies raw images, and matches frames of a rig, by the C interface; test_c_rig.py looks at what comes out.
+/* Rectifies raw images, and matches frames of a rig, by the C interface; test_c.py looks at what comes out.
  *
- *     c_rig rectify FOLDER WIDTH HEIGHT CHANNELS BITS INTERPOLATION
+ *     c_rig rectify FOLDER WIDTH HEIGHT CHANNELS BITS INTERPOLATION RIGHT_WIDTH RIGHT_HEIGHT
  *     c_rig frames FOLDER WIDTH HEIGHT
  *     c_rig refuse FOLDER WIDTH HEIGHT
  *
@@ -41,18 +41,24 @@ static void refused(phasestereo_status status) {
     if (status != PHASESTEREO_STATUS_INVALID_ARGUMENT) exit(8);
 }
 
-static phasestereo_image image(const char *name, uint32_t channels, uint32_t bits) {
+static phasestereo_image image_of(const char *name, uint32_t cols, uint32_t rows, uint32_t channels, uint32_t bits) {
     const uint32_t counts[] = {1, 3, 4, 3, 4};
-    const size_t row = (size_t)width * counts[channels] * bits / 8;
-    void *data = room(row * height);
-    read_all(name, data, row * height);
-    phasestereo_image made = {sizeof made, data, (ptrdiff_t)row, width, height, channels, bits, NULL, 0};
+    const size_t row = (size_t)cols * counts[channels] * bits / 8;
+    void *data = room(row * rows);
+    read_all(name, data, row * rows);
+    phasestereo_image made = {sizeof made, data, (ptrdiff_t)row, cols, rows, channels, bits, NULL, 0};
     return made;
 }
 
+static phasestereo_image image(const char *name, uint32_t channels, uint32_t bits) {
+    return image_of(name, width, height, channels, bits);
+}
+
 /* Rows of what is written are some bytes apart, and upside down: what lies between them stays as it is. */
-static void rectify(phasestereo_matcher *matcher, uint32_t channels, uint32_t bits, uint32_t interpolation) {
-    const phasestereo_image left = image("left", channels, bits), right = image("right", channels, bits);
+static void rectify(phasestereo_matcher *matcher, uint32_t channels, uint32_t bits, uint32_t interpolation, uint32_t right_width,
+                    uint32_t right_height) {
+    const phasestereo_image left = image("left", channels, bits);
+    const phasestereo_image right = image_of("right", right_width, right_height, channels, bits);
     phasestereo_calibration calibration;
     memset(&calibration, 0, sizeof calibration);
     calibration.struct_size = sizeof calibration;
@@ -66,7 +72,7 @@ static void rectify(phasestereo_matcher *matcher, uint32_t channels, uint32_t bi
     } else {
         memcpy(calibration.camera, given, sizeof calibration.camera);
         memcpy(calibration.distortion, given + 18, sizeof calibration.distortion);
-        done(phasestereo_stereo_rectify(&calibration, given + 42, given + 51, width, height));
+        done(phasestereo_stereo_rectify(&calibration, given + 42, given + 51, width, height, right_width, right_height));
     }
 
     const ptrdiff_t stride = left.stride + GAP, mask_stride = (ptrdiff_t)width + GAP;
@@ -89,12 +95,14 @@ static void rectify(phasestereo_matcher *matcher, uint32_t channels, uint32_t bi
     views[0].data = rectified.image[0];
     views[0].mask = rectified.mask[0];
     views[1].data = rectified.image[1];
+    views[1].width = width;
+    views[1].height = height;
     views[1].mask = rectified.mask[1];
     views[0].stride = stride;
     views[1].stride = -stride;
     views[0].mask_stride = views[1].mask_stride = mask_stride;
     float *disparity = room(sizeof(float) * width * height);
-    phasestereo_map map = {sizeof map, disparity, (ptrdiff_t)(sizeof(float) * width), NULL, 0, NULL, 0, NULL, 0, NULL, 0};
+    phasestereo_map map = {sizeof map, disparity, (ptrdiff_t)(sizeof(float) * width), NULL, 0, NULL, 0, NULL, 0, NULL, 0, 0};
     done(phasestereo_match(matcher, &views[0], &views[1], 0, 16, &map, NULL));
     write_all("disparity", disparity, sizeof(float) * width * height);
 
@@ -106,7 +114,7 @@ static void rectify(phasestereo_matcher *matcher, uint32_t channels, uint32_t bi
 }
 
 static phasestereo_map map_of(float *disparity, uint8_t *support) {
-    phasestereo_map map = {sizeof map, disparity, (ptrdiff_t)(sizeof(float) * width), NULL, 0, NULL, 0, NULL, 0, support, width};
+    phasestereo_map map = {sizeof map, disparity, (ptrdiff_t)(sizeof(float) * width), NULL, 0, NULL, 0, NULL, 0, support, width, 0};
     return map;
 }
 
@@ -173,13 +181,13 @@ static void refuse(phasestereo_matcher *matcher) {
     const double *rotation = given + 42;
     double translation[] = {0.001, -0.12, 0};
 
-    refused(phasestereo_stereo_rectify(NULL, rotation, given + 51, width, height));
-    refused(phasestereo_stereo_rectify(&calibration, rotation, given + 51, width, height));
+    refused(phasestereo_stereo_rectify(NULL, rotation, given + 51, width, height, width, height));
+    refused(phasestereo_stereo_rectify(&calibration, rotation, given + 51, width, height, width, height));
     calibration.struct_size = sizeof calibration;
-    refused(phasestereo_stereo_rectify(&calibration, NULL, given + 51, width, height));
-    refused(phasestereo_stereo_rectify(&calibration, rotation, translation, width, height));
-    refused(phasestereo_stereo_rectify(&calibration, given, given + 51, width, height));
-    done(phasestereo_stereo_rectify(&calibration, rotation, given + 51, width, height));
+    refused(phasestereo_stereo_rectify(&calibration, NULL, given + 51, width, height, width, height));
+    refused(phasestereo_stereo_rectify(&calibration, rotation, translation, width, height, width, height));
+    refused(phasestereo_stereo_rectify(&calibration, given, given + 51, width, height, width, height));
+    done(phasestereo_stereo_rectify(&calibration, rotation, given + 51, width, height, width, height));
 
     uint8_t *pixels = room(width * height);
     phasestereo_rectified rectified = {sizeof rectified, {NULL, NULL}, {0, 0}, {pixels, NULL}, {width - 1, 0}, {{0}}};
@@ -189,9 +197,9 @@ static void refuse(phasestereo_matcher *matcher) {
     refused(phasestereo_rectify(matcher, &left, &right, NULL, 0, &rectified));
     refused(phasestereo_rectify(NULL, &left, &right, &calibration, 0, &rectified));
     refused(phasestereo_rectify(matcher, &left, &right, &calibration, 0, NULL));
-    right.height--;
+    right.height /= 9;
     refused(phasestereo_rectify(matcher, &left, &right, &calibration, 0, &rectified));
-    right.height++;
+    right.height = height;
     left.mask = pixels;
     refused(phasestereo_rectify(matcher, &left, &right, &calibration, 0, &rectified));
     left.mask = NULL;
@@ -251,8 +259,9 @@ int main(int count, char **arguments) {
     phasestereo_matcher *matcher = phasestereo_new("fast", NULL, 0, 2);
     if (matcher == NULL) return 3;
 
-    if (strcmp(arguments[1], "rectify") == 0 && count == 8) {
-        rectify(matcher, (uint32_t)atoi(arguments[5]), (uint32_t)atoi(arguments[6]), (uint32_t)atoi(arguments[7]));
+    if (strcmp(arguments[1], "rectify") == 0 && count == 10) {
+        rectify(matcher, (uint32_t)atoi(arguments[5]), (uint32_t)atoi(arguments[6]), (uint32_t)atoi(arguments[7]),
+                (uint32_t)atoi(arguments[8]), (uint32_t)atoi(arguments[9]));
     } else if (strcmp(arguments[1], "frames") == 0) {
         frames(matcher);
     } else {

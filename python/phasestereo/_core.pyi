@@ -52,6 +52,7 @@ __all__ = [
     "find_scale",
     "fit_right",
     "halo",
+    "kept_pixels",
     "match_pair",
     "match_raw",
     "match_rows",
@@ -160,6 +161,13 @@ def estimate_pair(
     threads: int | Workers | None,
     self_rectify: bool,
 ) -> Estimates: ...
+def kept_pixels(
+    keep: str,
+    disparity: NDArray[np.float32],
+    flags: NDArray[np.uint16],
+    confidence: NDArray[np.float32] | None,
+    wrong: float,
+) -> NDArray[np.bool_]: ...
 def rays_of_pixels(
     pixels: NDArray[np.float64], lens: tuple[NDArray[np.float64], list[float], bool]
 ) -> NDArray[np.float64]: ...

@@ -11,6 +11,7 @@ from typing import Any, ClassVar, Literal, TypeAlias, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from phasestereo import _core
 from phasestereo.rig.alignment import Alignment
 from phasestereo.rig.blur import BlurEstimate
 from phasestereo.rig.compensation import BlurCompensation
@@ -71,10 +72,6 @@ MAPS: Mapping[str, MapKind] = {
 def maps_with(settings: Settings) -> list[str]:
     """Return the names of the maps that a match with these settings has."""
     return [name for name, kind in MAPS.items() if settings.confidence or not kind.optional]
-
-
-TRUSTED = 0.5
-"""Confidence from which on a disparity is trusted: it is rather right than wrong."""
 
 
 class Flag(IntFlag):
@@ -294,14 +291,7 @@ class Result:
         Those with a confidence of at least 0.5. Without confidences, estimates without a flag, and
         none at all where the summary says that most are wrong.
         """
-        if self.confidence is None:
-            failed = self.summary is not None and self.summary.wrong > 1 - TRUSTED
-            sure = (self.flags == 0) & (not failed)
-        else:
-            sure = self.confidence >= TRUSTED
-
-        trusted: NDArray[np.bool_] = np.isfinite(self.disparity) & sure
-        return trusted
+        return self.kept("trusted")
 
     def kept(self, keep: Keep = "trusted") -> NDArray[np.bool_]:
         """Return the pixels to use: the choice between accuracy and density.
@@ -328,11 +318,8 @@ class Result:
         --------
         >>> sure = result.disparity[result.kept("checked")]
         """
-        if keep not in KEEPS:
-            raise ValueError(f"keep: got {keep!r}; accepts {', '.join(map(repr, KEEPS))}")
-        if keep == "all":
-            return np.isfinite(self.disparity)
-        return self.trusted if keep == "trusted" else self.trusted & (self.flags == 0)
+        wrong = math.nan if self.summary is None else self.summary.wrong
+        return _core.kept_pixels(keep, self.disparity, self.flags, self.confidence, wrong)
 
     def __reduce__(self) -> tuple[type[Result], tuple[Any, ...]]:
         """Return the constructor and arguments without the pair, which would dominate a pickle."""

@@ -157,6 +157,21 @@
 #define PHASESTEREO_COARSE 2048
 
 /**
+ * Every disparity is written.
+ */
+#define PHASESTEREO_ALL 0
+
+/**
+ * Disparities are written that are probably within 1 px of the true ones: what to use for depths.
+ */
+#define PHASESTEREO_TRUSTED 1
+
+/**
+ * Trusted disparities are written that no flag speaks against: fewer, and more of them are right.
+ */
+#define PHASESTEREO_CHECKED 2
+
+/**
  * Images are read between the four pixels around a place, with 0 beyond the image: as OpenCV's `remap` does by default.
  */
 #define PHASESTEREO_LINEAR 0
@@ -331,6 +346,11 @@ typedef struct phasestereo_map {
    * Bytes from a row to the next one.
    */
   ptrdiff_t support_stride;
+  /**
+   * Which disparities and error bars are written, the choice between accuracy and density: `PHASESTEREO_ALL`,
+   * `PHASESTEREO_TRUSTED` or `PHASESTEREO_CHECKED`. The others are NaN; flags and confidences are those of all.
+   */
+  uint32_t keep;
 } phasestereo_map;
 
 /**
@@ -481,7 +501,7 @@ typedef struct phasestereo_calibration {
    */
   size_t struct_size;
   /**
-   * K1 and K2: focal lengths and principal points, pixels.
+   * K1 and K2: focal lengths and principal points, pixels, each of its own image as it comes.
    */
   double camera[2][3][3];
   /**
@@ -500,8 +520,8 @@ typedef struct phasestereo_calibration {
 } phasestereo_calibration;
 
 /**
- * The memory that rectified images are written to, left and right: of as many rows and columns as those that were given, and
- * each of the channels and bits of its own one. NULL: not wanted.
+ * The memory that rectified images are written to, left and right: both of as many rows and columns as the left one that was
+ * given, and each of the channels and bits of its own one. NULL: not wanted.
  */
 typedef struct phasestereo_rectified {
   /**
@@ -847,7 +867,8 @@ enum phasestereo_status phasestereo_restore(const struct phasestereo_prepared *p
 /**
  * Fills in `rotation` and `projection` of a calibration of which `camera` and `distortion` are given: those that OpenCV's
  * `stereoRectify` finds with `CALIB_ZERO_DISPARITY` and `alpha` -1. `rotation`, 9 numbers row by row, and `translation`, 3 of
- * any unit, lead from the left camera to the right one: `X_right = R X_left + T`. The cameras are side by side.
+ * any unit, lead from the left camera to the right one: `X_right = R X_left + T`. The cameras are side by side. Rectified images
+ * have the size of the left ones, `width` and `height`; right ones may come in another size.
  *
  * Pointers are to what their types say, `rotation` to 9 numbers and `translation` to 3.
  */
@@ -855,10 +876,12 @@ enum phasestereo_status phasestereo_stereo_rectify(struct phasestereo_calibratio
                                                    const double *rotation,
                                                    const double *translation,
                                                    uint32_t width,
-                                                   uint32_t height);
+                                                   uint32_t height,
+                                                   uint32_t right_width,
+                                                   uint32_t right_height);
 
 /**
- * Fills in all of a calibration by what two raw images of one size show alone; it holds for all images of these cameras. The
+ * Fills in all of a calibration by what two raw images show alone; it holds for all images of these cameras. The
  * distance of the cameras is not known by that. `phasestereo_get_finding` says what was found.
  *
  * Pointers are to what their types say.
@@ -869,11 +892,11 @@ enum phasestereo_status phasestereo_estimate_calibration(const struct phasestere
                                                          struct phasestereo_calibration *calibration);
 
 /**
- * Rectifies two raw images of one size, so that what both show lies on the same row; `interpolation` is `PHASESTEREO_LINEAR` or
- * `PHASESTEREO_LANCZOS`. What is written to may be given as the images to match, with the masks. If the call fails, nothing is
- * written.
+ * Rectifies two raw images, so that what both show lies on the same row; a right image of another size is brought to that of
+ * the left one. `interpolation` is `PHASESTEREO_LINEAR` or `PHASESTEREO_LANCZOS`. What is written to may be given as the images to
+ * match, with the masks. If the call fails, nothing is written.
  *
- * Pointers are to what their types say; the planes of `rectified` have rows of as many pixels as the images have columns,
+ * Pointers are to what their types say; the planes of `rectified` have rows of as many pixels as the left image has columns,
  * and as many rows.
  */
 enum phasestereo_status phasestereo_rectify(const struct phasestereo_matcher *matcher,

@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 import phasestereo as ps
+from phasestereo_bench.rendering import render_pair
 from support import counterpart
+from support.rigs import cv2
 
 ROWS, COLS = 144, 192
 BAR = (slice(40, 100), slice(70, 130))
@@ -112,6 +114,20 @@ def test_two_sizes_of_cameras_one_above_the_other(by: int) -> None:
     assert found.disparity.shape == upper.shape
     off = np.abs(np.rot90(found.disparity) - TRUTH)[8:-8, 24:-24]
     assert np.mean(~(off <= 1)) < 0.06
+
+
+@pytest.mark.parametrize(("upper", "lower"), [(1, 0.5), (1, 0.7), (0.5, 1)])
+def test_two_sizes_one_above_the_other_are_recognized(upper: float, lower: float) -> None:
+    rendered = render_pair(3, height=240, width=320, num_disparities=48)
+    above, below = (
+        np.rot90(cv2.resize(image, None, fx=by, fy=by, interpolation=cv2.INTER_AREA), -1)
+        for image, by in ((rendered.left, upper), (rendered.right, lower))
+    )
+    found, known = ps.match(above, below), ps.match(above, below, vertical=True)
+    assert found.vertical
+    np.testing.assert_array_equal(found.disparity, known.disparity)
+    assert any("one camera is above the other" in one.sentence for one in found.findings)
+    assert found.trusted.mean() > 0.9
 
 
 def test_bits_that_are_unused_do_not_matter() -> None:

@@ -7,7 +7,7 @@ import os
 import re
 import shutil
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -102,6 +102,16 @@ def test_settings_are_read_from_text(program: Program, pair: Pair) -> None:
     program.same(pair, expected, preset="settings")
 
 
+@pytest.mark.parametrize("keep", ["trusted", "checked"])
+def test_what_is_kept_is_that_of_python(program: Program, pair: Pair, keep: Any) -> None:
+    expected = ps.match(*pair, num_disparities=48)
+    kept = expected.kept(keep)
+    assert 0.1 < kept.mean() < np.isfinite(expected.disparity).mean()
+    names = "disparity", "uncertainty"
+    maps: dict[str, Any] = {n: np.where(kept, getattr(expected, n), np.nan) for n in names}
+    program.same(pair, replace(expected, **maps), preset=keep)
+
+
 @pytest.mark.parametrize("preset", ["robust", "fast"])
 def test_the_map_of_the_right_image_is_that_of_python(
     program: Program, pair: Pair, preset: PresetName
@@ -171,6 +181,10 @@ def test_rows_lie_any_number_of_bytes_apart(program: Program, pair: Pair) -> Non
 @pytest.mark.parametrize(
     ("options", "message"),
     [
+        (
+            {"preset": "sure"},
+            "1 map: got a keep of 3; accepts PHASESTEREO_ALL, PHASESTEREO_TRUSTED",
+        ),
         ({"preset": "best"}, "preset: got 'best'; accepts 'robust', 'paper', 'fast'"),
         ({"disparities": 161}, "1 num_disparities: got 161; accepts an integer from 1 to 160"),
         ({"disparities": -1}, "1 num_disparities: got -1; accepts an integer from 1 to 160"),
@@ -195,6 +209,7 @@ LATER = (
     r" *ptrdiff_t uncertainty_stride;\n",
     r" *uint8_t \*support;\n",
     r" *ptrdiff_t support_stride;\n",
+    r" *uint32_t keep;\n",
 )
 """Fields that an older header might not have had: the last ones of their structures."""
 
@@ -288,7 +303,7 @@ def test_a_calibration_rectifies_as_that_of_python_to_the_bit(
 
     rig_program.calibrated(rig)
     images = dict(zip(("left", "right"), pair, strict=True))
-    rig_program.run("rectify", images, channels, 8 * dtype(0).itemsize, LINEAR)
+    rig_program.run("rectify", images, channels, 8 * dtype(0).itemsize, LINEAR, *SIZE)
 
     row = cols * count * dtype(0).itemsize
     written = rig_program.written("pixels", np.uint8, 2, rows, row + 5)
@@ -330,7 +345,7 @@ def test_images_alone_rectify_as_in_python(
 
     rig_program.calibrated(UNKNOWN)
     images = {"left": scene.left, "right": right}
-    said = rig_program.run("rectify", images, RGB, 8, interpolation)
+    said = rig_program.run("rectify", images, RGB, 8, interpolation, cols, rows)
     assert tuple(said) == expected.sentences
     assert np.isnan(rig_program.written("q", float, 4, 4)).all()
 
@@ -343,6 +358,46 @@ def test_images_alone_rectify_as_in_python(
             assert off.max() == 0
         else:
             assert off[valid].mean() < 0.5  # OpenCV reads at fewer places between two pixels
+
+
+@pytest.mark.parametrize("by", [0.5, 1.5])
+def test_a_right_image_of_another_size_is_rectified_as_in_python(
+    rig_program: RigProgram, by: float
+) -> None:
+    rig, (cols, rows) = made_up(), SIZE
+    own = round(by * cols), round(by * rows)
+    rig["K2"] = np.array([[by, 0, by / 2 - 0.5], [0, by, by / 2 - 0.5], [0, 0, 1]]) @ rig["K2"]
+    pixels = np.random.default_rng(7)
+    left, right = (pixels.integers(0, 256, size[::-1], np.uint8) for size in (SIZE, own))
+    expected = ps.rectify(left, right, rig)
+
+    rig_program.calibrated(rig)
+    rig_program.run("rectify", {"left": left, "right": right}, GRAY, 8, LINEAR, *own)
+    written = rig_program.written("pixels", np.uint8, 2, rows, cols + 5)[..., :cols]
+    np.testing.assert_array_equal(written[0], expected.left)
+    np.testing.assert_array_equal(written[1, ::-1], expected.right)
+    masks = rig_program.written("masks", np.uint8, 2, rows, cols + 5)[..., :cols]
+    np.testing.assert_array_equal(masks[1], expected.right_mask)
+    np.testing.assert_allclose(rig_program.written("q", float, 4, 4), expected.Q, rtol=1e-12)
+
+
+def test_images_of_two_sizes_alone_rectify_as_in_python(rig_program: RigProgram) -> None:
+    rows, cols = 300, 400
+    scene = render_pair(3, height=rows, width=cols, num_disparities=64)
+    turn = cv2.getRotationMatrix2D((200, 150), 2.0, 1.0)
+    right = cv2.warpAffine(scene.right, turn, (cols, rows), borderMode=cv2.BORDER_REFLECT)
+    half = cv2.resize(right, (cols // 2, rows // 2), interpolation=cv2.INTER_AREA)
+    expected = ps.rectify(scene.left, half, interpolation="linear")
+
+    rig_program.calibrated(UNKNOWN)
+    images = {"left": scene.left, "right": half}
+    said = rig_program.run("rectify", images, RGB, 8, LINEAR, cols // 2, rows // 2)
+    assert tuple(said) == expected.sentences
+    found = rig_program.written("pixels", np.uint8, 2, rows, 3 * cols + 5)[..., : 3 * cols]
+    for image, wanted in ((found[0], expected.left), (found[1, ::-1], expected.right)):
+        # K2 is brought to the size of the image and back: its last bits are rounded.
+        off = np.abs(image.reshape(wanted.shape).astype(int) - wanted)
+        assert np.count_nonzero(off) < 1e-3 * off.size
 
 
 def test_frames_of_a_rig_are_those_of_python_to_the_bit(rig_program: RigProgram) -> None:
@@ -407,7 +462,7 @@ def test_what_a_rig_cannot_take_is_refused(rig_program: RigProgram) -> None:
         f"1 calibration: {null}",
         f"1 matcher: {null}",
         f"1 rectified: {null}",
-        "1 right: got 119 x 160 pixels; accepts the size of left, 120 x 160",
+        "1 right: got 13 x 160 pixels; accepts up to 8 times as many or as few rows and columns",
         "1 left: got a mask_stride of 0 bytes; accepts at least 160",
         "1 calibration: got numbers by which no pixel is found; accepts finite ones",
         "1 left, right: got images that do not show how to rectify them",

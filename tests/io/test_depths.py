@@ -24,6 +24,7 @@ Map = NDArray[np.float32]
 
 RIG = Calibration.from_focal(1000, 0.5, width=4, height=2, doffs=2.0)
 DISPARITY = np.array([[98, 48, -1.5, np.nan], [8, 3, -4, 498]], np.float32)
+FLAGS = np.zeros(DISPARITY.shape, np.uint16)
 BAR = np.where(np.isnan(DISPARITY), np.nan, 1).astype(np.float32)
 TURNED = 0.1  # degrees of yaw that the calibration does not know
 
@@ -314,7 +315,9 @@ def test_a_selection_that_is_none_is_refused() -> None:
         with pytest.raises(ValueError, match=message):
             ps.point_cloud(**bare, **options)
     with pytest.raises(ValueError, match="^keep: got 'sure'"):
-        ps.Result(DISPARITY, BAR, None, ps.Settings(), {}).kept("sure")  # type: ignore[arg-type]
+        ps.Result(DISPARITY, FLAGS, None, ps.Settings(), {}).kept("sure")  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match=r"^flags: got shape \(1, 4\); accepts that of disparity"):
+        ps.Result(DISPARITY, FLAGS[:1], None, ps.Settings(), {}).kept("all")
 
 
 @pytest.mark.parametrize(

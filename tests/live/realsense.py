@@ -74,7 +74,7 @@ def play(path: str) -> None:
 
     rs.config = of_file
     names: dict[str, Any] = {"np": np}
-    exec(example("docs/cameras.md", "pyrealsense2"), names)  # noqa: S102 - our own
+    exec(example("docs/realsense.md", "pyrealsense2"), names)  # noqa: S102 - our own
     found = []
     for left, right in islice(names["pairs"], 2):
         result = ps.match(left, right, num_disparities=48, preset="fast")

@@ -1,4 +1,4 @@
-"""The lines of docs/cameras.md for cameras with an SDK.
+"""The lines of docs/realsense.md and docs/zed.md for cameras with an SDK.
 
 librealsense plays a recording; the SDK of ZED is in no registry, so a stand-in delivers its views.
 OAK has its own tests.
@@ -56,6 +56,6 @@ def test_zed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pyzed.sl", sl)
 
     names: dict[str, Any] = {}
-    exec(example("docs/cameras.md", "pyzed"), names)  # noqa: S102 - our own example
+    exec(example("docs/zed.md", "pyzed"), names)  # noqa: S102 - our own example
     for view, image in zip(names["pair"], scenes.values(), strict=True):
         np.testing.assert_array_equal(view, image[:, :, [2, 1, 0]])

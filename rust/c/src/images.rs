@@ -4,7 +4,7 @@ use std::cell::LazyCell;
 use std::ffi::c_void;
 use std::mem::offset_of;
 
-use phasestereo::{Error, Match, Pixel, Plane, Result, flag};
+use phasestereo::{Error, Keep, Match, Pixel, Plane, Result, flag};
 use phasestereo_match::base::plane::zeroed;
 
 use crate::sized::Growing;
@@ -40,6 +40,13 @@ pub const PHASESTEREO_AMBIGUOUS: u16 = 512;
 pub const PHASESTEREO_INFERRED: u16 = 1024;
 /// The disparity is that of a smaller copy of the pair; the other flags are those of the copy.
 pub const PHASESTEREO_COARSE: u16 = 2048;
+
+/// Every disparity is written.
+pub const PHASESTEREO_ALL: u32 = 0;
+/// Disparities are written that are probably within 1 px of the true ones: what to use for depths.
+pub const PHASESTEREO_TRUSTED: u32 = 1;
+/// Trusted disparities are written that no flag speaks against: fewer, and more of them are right.
+pub const PHASESTEREO_CHECKED: u32 = 2;
 const _: () = {
     assert!(PHASESTEREO_NO_CANDIDATE == flag::NO_CANDIDATE);
     assert!(PHASESTEREO_OUTSIDE == flag::OUTSIDE);
@@ -105,6 +112,9 @@ pub struct Map {
     pub support: *mut u8,
     /// Bytes from a row to the next one.
     pub support_stride: isize,
+    /// Which disparities and error bars are written, the choice between accuracy and density: `PHASESTEREO_ALL`,
+    /// `PHASESTEREO_TRUSTED` or `PHASESTEREO_CHECKED`. The others are NaN; flags and confidences are those of all.
+    pub keep: u32,
 }
 
 // SAFETY: both begin with their sizes; zeros are numbers and NULL.
@@ -280,6 +290,19 @@ impl Map {
             }
         }
         Ok(())
+    }
+
+    /// Which disparities are wanted.
+    pub fn keep(&self) -> Result<Keep> {
+        match self.keep {
+            PHASESTEREO_ALL => Ok(Keep::All),
+            PHASESTEREO_TRUSTED => Ok(Keep::Trusted),
+            PHASESTEREO_CHECKED => Ok(Keep::Checked),
+            other => {
+                let accepts = "PHASESTEREO_ALL, PHASESTEREO_TRUSTED or PHASESTEREO_CHECKED";
+                Err(Error::value("map", format!("a keep of {other}"), accepts))
+            }
+        }
     }
 
     /// Copies a map out.

@@ -323,8 +323,9 @@ unsafe fn matched(
     // SAFETY: as above.
     let (images, given) = unsafe { read_images(images)? };
     map.check(given[side].size())?;
+    let keep = map.keep()?;
 
-    let result = by(matcher, images, disparities.clone())?;
+    let result = by(matcher, images, disparities.clone())?.kept(keep);
 
     // SAFETY: as above.
     unsafe {

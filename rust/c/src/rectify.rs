@@ -19,7 +19,7 @@ pub const PHASESTEREO_LANCZOS: u32 = 1;
 pub struct Calibration {
     /// `sizeof(phasestereo_calibration)`.
     pub struct_size: usize,
-    /// K1 and K2: focal lengths and principal points, pixels.
+    /// K1 and K2: focal lengths and principal points, pixels, each of its own image as it comes.
     pub camera: [[[f64; 3]; 3]; 2],
     /// D1 and D2: k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4; 0 for those that a calibration does not have.
     pub distortion: [[f64; 12]; 2],
@@ -30,8 +30,8 @@ pub struct Calibration {
     pub projection: [[[f64; 4]; 3]; 2],
 }
 
-/// The memory that rectified images are written to, left and right: of as many rows and columns as those that were given, and
-/// each of the channels and bits of its own one. NULL: not wanted.
+/// The memory that rectified images are written to, left and right: both of as many rows and columns as the left one that was
+/// given, and each of the channels and bits of its own one. NULL: not wanted.
 #[derive(Debug, Clone, Copy)]
 #[repr(C)]
 pub struct Rectified {
@@ -76,8 +76,8 @@ impl Calibration {
 impl Rectified {
     /// Refuses rows that would lie upon each other.
     fn check(&self, given: &[Image; 2]) -> Result<()> {
+        let (rows, cols) = given[0].size();
         for (side, image) in given.iter().enumerate() {
-            let (rows, cols) = image.size();
             if !self.image[side].is_null() {
                 check_stride(("rectified", "stride"), self.stride[side], image.row_bytes(), rows)?;
             }
@@ -96,7 +96,8 @@ impl Rectified {
 
 /// Fills in `rotation` and `projection` of a calibration of which `camera` and `distortion` are given: those that OpenCV's
 /// `stereoRectify` finds with `CALIB_ZERO_DISPARITY` and `alpha` -1. `rotation`, 9 numbers row by row, and `translation`, 3 of
-/// any unit, lead from the left camera to the right one: `X_right = R X_left + T`. The cameras are side by side.
+/// any unit, lead from the left camera to the right one: `X_right = R X_left + T`. The cameras are side by side. Rectified images
+/// have the size of the left ones, `width` and `height`; right ones may come in another size.
 ///
 /// # Safety
 ///
@@ -108,6 +109,8 @@ pub unsafe extern "C" fn phasestereo_stereo_rectify(
     translation: *const f64,
     width: u32,
     height: u32,
+    right_width: u32,
+    right_height: u32,
 ) -> Status {
     status(|| {
         // SAFETY: as the caller promises.
@@ -118,16 +121,19 @@ pub unsafe extern "C" fn phasestereo_stereo_rectify(
             (given, sized::size(calibration, "calibration")?, (rotation, translation))
         };
 
-        let images = (height as usize, width as usize);
-        let made = phasestereo::Calibration::new(given.camera, given.distortion, pose, images)?;
+        let sizes = [(width, height), (right_width, right_height)];
+        let sizes = sizes.map(|(cols, rows)| (rows as usize, cols as usize));
+        let phasestereo::Calibration { camera, distortion, .. } = given.known().fitted(sizes)?;
+        let made = phasestereo::Calibration::new(camera, distortion, pose, sizes[0])?;
 
+        let made = Calibration { camera: given.camera, ..Calibration::new(&made) };
         // SAFETY: as above.
-        unsafe { sized::write(calibration, size, &Calibration::new(&made)) };
+        unsafe { sized::write(calibration, size, &made) };
         Ok(())
     })
 }
 
-/// Fills in all of a calibration by what two raw images of one size show alone; it holds for all images of these cameras. The
+/// Fills in all of a calibration by what two raw images show alone; it holds for all images of these cameras. The
 /// distance of the cameras is not known by that. `phasestereo_get_finding` says what was found.
 ///
 /// # Safety
@@ -155,13 +161,13 @@ pub unsafe extern "C" fn phasestereo_estimate_calibration(
     })
 }
 
-/// Rectifies two raw images of one size, so that what both show lies on the same row; `interpolation` is `PHASESTEREO_LINEAR` or
-/// `PHASESTEREO_LANCZOS`. What is written to may be given as the images to match, with the masks. If the call fails, nothing is
-/// written.
+/// Rectifies two raw images, so that what both show lies on the same row; a right image of another size is brought to that of
+/// the left one. `interpolation` is `PHASESTEREO_LINEAR` or `PHASESTEREO_LANCZOS`. What is written to may be given as the images to
+/// match, with the masks. If the call fails, nothing is written.
 ///
 /// # Safety
 ///
-/// Pointers are to what their types say; the planes of `rectified` have rows of as many pixels as the images have columns,
+/// Pointers are to what their types say; the planes of `rectified` have rows of as many pixels as the left image has columns,
 /// and as many rows.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn phasestereo_rectify(
@@ -189,7 +195,8 @@ pub unsafe extern "C" fn phasestereo_rectify(
         };
 
         // SAFETY: as above.
-        let ([left, right], given) = unsafe { read_images([left, right])? };
+        let ([left, right], mut given) = unsafe { read_images([left, right])? };
+        [given[1].width, given[1].height] = [given[0].width, given[0].height];
         places.check(&given)?;
 
         let q = calibration.q()?;

@@ -5,6 +5,7 @@ mod arrays;
 #[cfg(feature = "image")]
 mod decoded;
 pub mod image;
+pub mod keep;
 pub mod rig;
 
 use std::ops::Range;
@@ -19,7 +20,7 @@ use crate::findings;
 use crate::match_pair::{Matched, Rectified, match_pair, turned};
 use crate::preparation::back::Back;
 use crate::preparation::{Preparation, prepared_for_others};
-use crate::rectification::calibration::Calibration;
+use crate::rectification::calibration::{Calibration, Sizes};
 use crate::rectification::warp::Interpolation;
 use crate::rectification::{rectify_views, warp};
 use crate::third_camera::{LeftCamera, Registered, ThirdCamera, register};
@@ -35,9 +36,10 @@ use phasestereo_match::matcher::runtime::Runtime;
 use phasestereo_match::matcher::summary::Summary;
 use phasestereo_match::matcher::{self, Disparity, Execution, Timings, usable_threads};
 use phasestereo_match::optimization::engine::Engine;
+use phasestereo_match::pair::Pair;
 use phasestereo_match::pair::candidates::Candidates;
+use phasestereo_match::pair::fitting::resized_right;
 use phasestereo_match::pair::plan::{Demand, Plan};
-use phasestereo_match::pair::{self, Pair};
 use phasestereo_match::settings::Settings;
 
 /// Settings, threads and working memory, which are kept from one pair to the next. Any number of threads may
@@ -310,7 +312,8 @@ impl Matcher {
     /// How to rectify two raw images, and others of the same cameras, by what they show alone; and what was
     /// found, in sentences.
     pub fn calibrate(&self, left: Image, right: Image) -> Result<(Calibration, Vec<Finding>)> {
-        let pair = Pair::of_inputs(raw(left, right)?, 0, 1)?;
+        let (inputs, sizes) = raw(left, right)?;
+        let pair = Pair::of_any(inputs, 0, 1)?;
 
         let control = Control::default();
         let found = self.on_threads(&control, |Runtime { execution, control, .. }| {
@@ -319,10 +322,11 @@ impl Matcher {
 
         let note = |sentence: String| Finding::new(Topic::Alignment, Severity::Note, sentence);
         let told = findings::rectification(&found).into_iter().map(note).collect();
-        Ok((Calibration::of_cameras(&found.cameras), told))
+        Ok((Calibration::of_cameras(&found.cameras).as_they_come(sizes)?, told))
     }
 
-    /// Rectifies two raw images: pixels that lie outside these are masked.
+    /// Rectifies two raw images: pixels that lie outside these are masked. Both become as large as the left
+    /// one; K2 is of the right one as it comes.
     pub fn rectify(
         &self,
         left: Image,
@@ -330,11 +334,12 @@ impl Matcher {
         calibration: &Calibration,
         interpolation: Interpolation,
     ) -> Result<[Image; 2]> {
-        let inputs = raw(left, right)?;
+        let (inputs, sizes) = raw(left, right)?;
+        let calibration = calibration.fitted(sizes)?;
 
         let control = Control::default();
         self.on_threads(&control, |Runtime { control, .. }| {
-            let places = calibration.places(inputs[0].size(), control)?;
+            let places = calibration.places(sizes[0], control)?;
             let rectified = |side: usize| -> Result<Image> {
                 let (input, places) = (&inputs[side], &places[side]);
                 let found = warp::rectified_input(input, places, interpolation, control)?;
@@ -448,11 +453,17 @@ fn flipped<T: Copy>(plane: &Plane<T>) -> Plane<T> {
     Plane::from_fn(rows, cols, |y, x| plane.row(rows - 1 - y)[x])
 }
 
-/// Two raw images of one size and type.
-fn raw(left: Image, right: Image) -> Result<[Input; 2]> {
-    let inputs = [left.into_input(), right.into_input()];
-    pair::check(inputs.each_ref())?;
-    Ok(inputs)
+/// Two raw images, the right one at the size of the left one, and the sizes as they came.
+fn raw(left: Image, right: Image) -> Result<([Input; 2], Sizes)> {
+    let [left, mut right] = [left.into_input(), right.into_input()];
+    left.check("left")?;
+    right.check("right")?;
+
+    let sizes = [left.size(), right.size()];
+    if sizes[0] != sizes[1] {
+        (right, _) = resized_right([&left, &right])?;
+    }
+    Ok(([left, right], sizes))
 }
 
 /// Both images, and the disparities and the axis if they are given.

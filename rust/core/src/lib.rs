@@ -35,6 +35,7 @@ mod video;
 pub use estimation::Estimates;
 pub use finding::{Finding, Severity, Topic};
 pub use interface::image::{Image, Pixel};
+pub use interface::keep::Keep;
 pub use interface::rig::Rig;
 pub use interface::{Match, Matcher, PreparedPair, Verification};
 pub use match_pair::Rectified;

@@ -7,6 +7,7 @@
 mod arguments;
 mod engine;
 mod failure;
+mod keep;
 mod known;
 mod objects;
 mod preparation;
@@ -34,6 +35,7 @@ use self::arguments::{
     read_inputs, read_noise, read_pair, read_preset, read_range, read_search, read_volume,
 };
 use self::failure::{Failure, Result};
+use self::keep::kept_pixels;
 use self::known::{read_known, read_noise_of_pair};
 use self::objects::{Asked, Matched, Object};
 use self::preparation::{Back, Ready, prepare_pair};
@@ -110,9 +112,9 @@ mod _core {
         Back, Ready, Rig, Scale, Setting, TemporalFilter, Workers, aggregate_volume,
         check_blur_compensation, check_noise, check_settings, cost_volume, descriptor,
         estimate_pair, estimate_pair_by_rows, find_borders, find_roughness, find_scale, fit_right,
-        halo, match_pair, match_raw, match_rows, observe_maps, optimize_volume, prepare_pair,
-        preset, rays_of_pixels, rectify_pairs, register_depths, release_memory, rows_to_tally,
-        self_check, simd_level, verify_map, working_memory,
+        halo, kept_pixels, match_pair, match_raw, match_rows, observe_maps, optimize_volume,
+        prepare_pair, preset, rays_of_pixels, rectify_pairs, register_depths, release_memory,
+        rows_to_tally, self_check, simd_level, verify_map, working_memory,
     };
 
     #[pymodule_init]

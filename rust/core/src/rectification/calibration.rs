@@ -11,6 +11,7 @@ use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::{Error, Result};
 use phasestereo_match::base::math;
 use phasestereo_match::base::plane::Plane;
+use phasestereo_match::pair::fitting::Fit;
 
 /// Steps by which the distortion of a corner is undone.
 const STEPS: usize = 5;
@@ -18,6 +19,8 @@ const STEPS: usize = 5;
 const ROUNDED: f64 = 1e-3;
 
 type Vector = [f64; 3];
+/// Rows and columns of the left and of the right image.
+pub type Sizes = [(usize, usize); 2];
 
 /// Two calibrated cameras and how their images are rectified, by OpenCV's names; left and right.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -103,6 +106,20 @@ impl Calibration {
             rotation: sides.each_ref().map(|camera| camera.rotation),
             projection: [projection(0), projection(1)],
         }
+    }
+
+    /// The same for right images that are brought to the size of the left ones, if K2 is of images as they
+    /// come.
+    pub fn fitted(mut self, [left, right]: Sizes) -> Result<Self> {
+        self.camera[1] = times(&Fit::new(right, left)?.matrix(), &self.camera[1]);
+        Ok(self)
+    }
+
+    /// The same for right images as they come, if K2 is of those that are brought to the size of the left ones.
+    pub fn as_they_come(mut self, [left, right]: Sizes) -> Result<Self> {
+        let back = inverse(&Fit::new(right, left)?.matrix());
+        self.camera[1] = back.map_or(self.camera[1], |back| times(&back, &self.camera[1]));
+        Ok(self)
     }
 
     /// OpenCV's matrix Q, by which disparities become points; `None`: the distance between the cameras is not

@@ -60,8 +60,9 @@ pub fn fitted(left: &View, right: View) -> Result<(View, Option<Fit>)> {
 }
 
 impl Fit {
+    /// How a right image of some rows and columns lies over a left one.
     #[expect(clippy::float_cmp, reason = "whole numbers are exact")]
-    fn new(from: (usize, usize), to: (usize, usize)) -> Result<Self> {
+    pub fn new(from: (usize, usize), to: (usize, usize)) -> Result<Self> {
         let ratios = [to.0 as f64 / from.0 as f64, to.1 as f64 / from.1 as f64];
         if ratios.iter().any(|ratio| ratio.max(1.0 / ratio) > LARGEST_RATIO) {
             let got = format!("{} x {} pixels", from.0, from.1);
@@ -143,7 +144,7 @@ impl Fit {
     }
 
     /// The matrix that leads from columns and rows of the right image to those at the new size.
-    fn matrix(&self) -> [[f64; 3]; 3] {
+    pub fn matrix(&self) -> [[f64; 3]; 3] {
         let along = |axis: usize| {
             let (scale, offset) = (self.scale[axis], self.offset[axis]);
             (scale, 0.5 * scale + offset - 0.5)

@@ -1,0 +1,106 @@
+//! The choice between accuracy and density: which estimates of a map to use.
+
+use super::Match;
+use phasestereo_match::base::error::{Error, Result};
+
+/// The least probability of being within 1 px with which an estimate is trusted.
+const TRUSTED: f32 = 0.5;
+
+/// Which estimates to use.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Keep {
+    /// Those that are probably within 1 px of the true disparity: with a confidence of at least 0.5. Of a map
+    /// without confidences those without a flag, and none where most are wrong.
+    Trusted,
+    /// Trusted ones without a flag: fewer, and more of them are right. None is filled in.
+    Checked,
+    /// Every estimate.
+    All,
+}
+
+impl Keep {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Trusted, Self::Checked, Self::All];
+
+    /// The choice of this name.
+    pub fn named(name: &str) -> Result<Self> {
+        let names = || Self::ALL.map(|keep| format!("'{}'", keep.name())).join(", ");
+        let found = Self::ALL.into_iter().find(|keep| keep.name() == name);
+
+        found.ok_or_else(|| Error::value("keep", format!("'{name}'"), names()))
+    }
+
+    /// Its name.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Trusted => "trusted",
+            Self::Checked => "checked",
+            Self::All => "all",
+        }
+    }
+
+    /// Whether a pixel is kept, of a map of which the share `wrong` is estimated to be wrong (NaN: not known).
+    pub fn keeps(self, disparity: f32, flags: u16, confidence: Option<f32>, wrong: f64) -> bool {
+        let has_failed = wrong > 1.0 - f64::from(TRUSTED);
+        let is_trusted = confidence.map_or(flags == 0 && !has_failed, |sure| sure >= TRUSTED);
+        let is_chosen = match self {
+            Self::Trusted => is_trusted,
+            Self::Checked => is_trusted && flags == 0,
+            Self::All => true,
+        };
+        is_chosen && disparity.is_finite()
+    }
+}
+
+impl Match {
+    /// The same without the disparities, and their error bars, that a choice does not keep: NaN.
+    pub fn kept(mut self, keep: Keep) -> Self {
+        for y in 0..self.disparity.rows() {
+            let confidence = self.confidence.as_ref().map(|plane| plane.row(y));
+            let mut bars = self.uncertainty.as_mut().map(|plane| plane.row_mut(y));
+            for (x, disparity) in self.disparity.row_mut(y).iter_mut().enumerate() {
+                let sure = confidence.map(|row| row[x]);
+                if !keep.keeps(*disparity, self.flags.row(y)[x], sure, self.summary.wrong) {
+                    *disparity = f32::NAN;
+                    if let Some(bars) = &mut bars {
+                        bars[x] = f32::NAN;
+                    }
+                }
+            }
+        }
+        self
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn choices_are_found_by_name() {
+        for keep in Keep::ALL {
+            assert_eq!(Keep::named(keep.name()), Ok(keep));
+        }
+        let refused = Keep::named("sure").expect_err("no choice");
+        let said = "keep: got 'sure'; accepts 'trusted', 'checked', 'all'";
+        assert_eq!(refused.to_string(), said);
+    }
+
+    #[test]
+    fn fewer_are_kept_where_more_is_asked() {
+        let pixels = [
+            ((3.0, 0, Some(0.5), 0.9), [true, true, true]),
+            ((3.0, 16, Some(0.5), 0.9), [true, false, true]),
+            ((3.0, 0, Some(0.49), 0.1), [false, false, true]),
+            ((f32::NAN, 0, Some(0.9), 0.1), [false; 3]),
+            ((3.0, 0, None, 0.5), [true, true, true]),
+            ((3.0, 0, None, f64::NAN), [true, true, true]),
+            ((3.0, 0, None, 0.51), [false, false, true]),
+            ((3.0, 16, None, 0.1), [false, false, true]),
+        ];
+        for ((disparity, flags, confidence, wrong), wanted) in pixels {
+            let kept = Keep::ALL.map(|keep| keep.keeps(disparity, flags, confidence, wrong));
+            assert_eq!(kept, wanted, "{disparity} {flags} {confidence:?} {wrong}");
+        }
+    }
+}
