@@ -125,22 +125,46 @@ def test_the_range_keeps_up_with_things_that_come_nearer() -> None:
     assert [event.subject for event in rig.events] == ["range"]
 
 
-@pytest.mark.parametrize("nearer", [24, 60])
-def test_what_enters_before_all_else_is_found(nearer: int) -> None:
-    rig, texture = ps.Rig(preset="fast"), np.random.default_rng(7).integers(0, 256, (60, 48, 3))
-    disparity = COUNT + nearer
-    for index in range(8):
+@pytest.mark.parametrize(
+    ("disparity", "size"), [(COUNT + 24, (60, 48)), (COUNT + 60, (10, 150)), (-12, (60, 48))]
+)
+def test_what_enters_beyond_all_else_is_found_in_its_frame(
+    disparity: int, size: tuple[int, int]
+) -> None:
+    rows, columns = size
+    rig, texture = ps.Rig(preset="fast"), np.random.default_rng(7).integers(0, 256, (*size, 3))
+    for index in range(6):
         left, right = frame(index)
-        if index >= 4:
-            left[100:160, 200:248] = noisy(texture, 100 + index)
-            right[100:160, 200 - disparity : 248 - disparity] = noisy(texture, 200 + index)
+        if index >= 3:
+            left[99 : 99 + rows, 150 : 150 + columns] = noisy(texture, 100 + index)
+            first = 150 - disparity
+            right[99 : 99 + rows, first : first + columns] = noisy(texture, 200 + index)
         result = rig.match(left, right)
-        if index >= 5:
-            seen = result.disparity[105:155, 205:243]
+        if index >= 3:
+            seen = result.disparity[102 : 96 + rows, 154 : 146 + columns]
             assert np.mean(np.abs(seen - disparity) <= 2) > 0.9
     (event,) = (one for one in rig.events if one.subject == "range")
-    assert event.frame in {4, 5}
+    assert event.frame == 3
     assert event.sentence.startswith("things entered")
+
+
+@pytest.mark.parametrize("late", [-1, 0, 1, 2])
+def test_a_camera_that_is_late_is_an_event_once_both_have_moved(late: int) -> None:
+    rig = ps.Rig(preset="fast")
+    path = [0, 0, 0, 0, 3, 7, 9, 8, 5]
+    for index in range(len(path)):
+        delays = max(-late, 0), max(late, 0)
+        moved = [path[max(index - delay, 0)] for delay in delays]
+        both = zip((scene().left, scene().right), moved, strict=True)
+        rig.match(*(noisy(cut(one, columns=by), 2 * index + by) for one, by in both))
+    said = [(one.frame, one.sentence) for one in rig.events if "late" in one.sentence]
+    if not late:
+        assert said == []
+        return
+    ((when, sentence),) = said
+    assert when <= 4 + abs(late) + 1
+    side, s = ("right" if late > 0 else "left"), "s" if abs(late) > 1 else ""
+    assert sentence.startswith(f"the {side} camera is late by {abs(late)} frame{s}:")
 
 
 @pytest.mark.parametrize("side", [0, 1])

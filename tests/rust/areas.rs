@@ -250,6 +250,8 @@ fn doubtful(
         }
         all.into_iter().filter(move |at| counts[&block(*at)] >= 10).collect::<HashSet<_>>()
     };
+    let is_asked = |(y, x): &(usize, usize)| guess.judged.is_none_or(|all| all.row(*y)[*x]);
+    let is_judged = |at: &(usize, usize)| is_judged(at) && is_asked(at);
     let much = pixels.iter().zip(&guessed).filter(|(at, sum)| is_judged(at) && **sum > most);
     let first: HashSet<_> = many(&mut much.map(|(at, _)| *at)).into_iter().map(block).collect();
     let along = |(y, x): (usize, usize)| run.least(y, x, |_| true).0;
@@ -410,8 +412,8 @@ fn areas_are_those_of_the_definition() {
     let (same, smaller) = (guessed(), guessed_on_smaller());
 
     for guess in [
-        Guess { disparity: &same, by: 1, finer: 1 },
-        Guess { disparity: &smaller, by: 1, finer: 2 },
+        Guess { disparity: &same, by: 1, finer: 1, judged: None },
+        Guess { disparity: &smaller, by: 1, finer: 2, judged: None },
     ] {
         let expected = naive(&copies, guess);
         assert!(expected.len() >= 2, "{expected:?}");
@@ -445,13 +447,17 @@ fn areas_of_finer_copies_are_those_of_the_definition() {
     let tried = Tried { run: (2, 11), reach: (-10, 100) };
     let is_unknown = |y: usize, x: usize| hash(97, y, x).is_multiple_of(16);
     let guess = Plane::from_fn(61, 117, |y, x| if is_unknown(y, x) { f32::NAN } else { 2.0 });
-    let guess = Guess { disparity: &guess, by: 1, finer: 1 };
+    let guess = Guess { disparity: &guess, by: 1, finer: 1, judged: None };
     let expected = naive_fine([&finer, &copies], guess, tried);
     let holds = |disparity| expected.iter().any(|area| area.span == (disparity, disparity));
     assert!(holds(61) && holds(70), "a bar across and a pole: {expected:?}");
+    let upper = Plane::from_fn(61, 117, |y, _| y < 30);
+    let asked = Guess { judged: Some(&upper), ..guess };
+    assert_ne!(naive_fine([&finer, &copies], asked, tried), expected);
 
-    for level in levels() {
-        for threads in [1, 3] {
+    for guess in [guess, asked] {
+        let expected = naive_fine([&finer, &copies], guess, tried);
+        for (level, threads) in levels().into_iter().flat_map(|level| [(level, 1), (level, 3)]) {
             let found = run(threads, level, |runtime| {
                 fine_areas([&finer, &copies], guess, tried.run, tried.reach, None, runtime)
             });
@@ -467,13 +473,13 @@ fn what_a_larger_match_says_is_scaled() {
         if (y * x).is_multiple_of(6) { 2.0 * FAR as f32 } else { 99.0 }
     });
 
-    let guess = Guess { disparity: &large, by: 2, finer: 1 };
+    let guess = Guess { disparity: &large, by: 2, finer: 1, judged: None };
     assert_eq!(found(&copies, guess, 1, Level::best()), naive(&copies, guess));
 }
 
 #[test]
 fn a_thin_thing_is_found_where_it_is() {
-    let guess = Guess { disparity: &guessed(), by: 1, finer: 1 };
+    let guess = Guess { disparity: &guessed(), by: 1, finer: 1, judged: None };
     let found = found(&copies(&[(10, 30, 60, 4, 34)]), guess, 1, Level::best());
     let largest = found.iter().max_by_key(|area| area.gain).expect("one");
 
@@ -485,6 +491,6 @@ fn a_thin_thing_is_found_where_it_is() {
 
 #[test]
 fn nothing_is_found_where_all_lies_in_the_run() {
-    let guess = Guess { disparity: &guessed(), by: 1, finer: 1 };
+    let guess = Guess { disparity: &guessed(), by: 1, finer: 1, judged: None };
     assert_eq!(found(&copies(&[]), guess, 1, Level::best()), []);
 }

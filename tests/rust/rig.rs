@@ -12,6 +12,7 @@ use phasestereo::internals::estimation::tracks::{Seed, Track};
 use phasestereo::internals::rectification::cameras::Cameras;
 use phasestereo::internals::rectification::{Raw, Rectification};
 use phasestereo::internals::video::limits::check;
+use phasestereo::internals::video::rig::changes::Changes;
 use phasestereo::internals::video::rig::columns::Columns;
 use phasestereo::internals::video::rig::events::{Events, Steady, Subject};
 use phasestereo::internals::video::rig::field::{FieldFilter, seeds};
@@ -388,6 +389,7 @@ fn rig(shift: f64, straightens: i64) -> Rig {
     };
     let rig = Rig {
         stopped: Stopped::default(),
+        changes: Changes::default(),
         frames: 7,
         geometry: Some(geometry),
         appearance: None,

@@ -251,7 +251,8 @@ impl<'a> AreaSearch<'a> {
 
         let much = |sums: &Plane<u8>| {
             let is_much = |y: usize, x: usize| usize::from(sums.row(y)[x]) > most;
-            Plane::from_fn(rows, cols, |y, x| is_judged(y, x) && is_much(y, x))
+            let is_asked = |y: usize, x: usize| guess.judged.is_none_or(|all| all.row(y)[x]);
+            Plane::from_fn(rows, cols, |y, x| is_judged(y, x) && is_asked(y, x) && is_much(y, x))
         };
         // Most of these are errors of the rough match.
         let blocks = Blocks::of(&much(&sums));

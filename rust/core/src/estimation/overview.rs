@@ -129,6 +129,8 @@ pub struct Guess<'a> {
     pub by: usize,
     /// ... or smaller, or 1.
     pub finer: usize,
+    /// The pixels of the copies at which things outside the run are looked for; `None`: all.
+    pub judged: Option<&'a Plane<bool>>,
 }
 
 /// The power of two by which an image is reduced so that it has at most `width` columns.
@@ -280,7 +282,12 @@ impl Overview {
     /// What a rough match of these copies guesses of others of the same pair.
     pub fn guess<'a>(&self, map: &'a RoughMap, others: &Self) -> Guess<'a> {
         let finer = (self.factor / others.factor).max(1);
-        Guess { disparity: &map.unsure, by: (others.factor / self.factor).max(1), finer }
+        Guess {
+            disparity: &map.unsure,
+            by: (others.factor / self.factor).max(1),
+            finer,
+            judged: None,
+        }
     }
 
     /// The same with the negative of the right image.

@@ -4,7 +4,7 @@
 use std::cmp::Reverse;
 use std::ops::Range;
 
-use super::areas::{Area, areas, fine_areas};
+use super::areas::{Area, BLOCK, areas, fine_areas};
 use super::order::{Order, Signs};
 use super::overview::{
     self, COARSE_WIDTH, FINE, Guess, LEAST_SIZE, Overview, ROUGH, RoughMap, Span, fine_factor,
@@ -52,16 +52,19 @@ const BESIDE: (u64, f64) = (500, 0.25);
 /// to 8 gray levels, none has more than 433; under things of a few pixels, those that were lost with twice as
 /// much have 580 to 1120.
 const CERTAIN_FINE: u64 = 500;
+/// The same of areas that are farther than the run, which are not small. Without such things, areas in 50
+/// streams have up to 2400; with things of 125 x 44 px there, 12 000 and more.
+const CERTAIN_FARTHER: u64 = 5000;
 /// Side of the blocks of lossy compression, pixels.
 const CODED: isize = 8;
 /// By what factor steps between neighboring columns are larger at the borders of such blocks. Of 20 pairs,
 /// 0.87 to 1.04; under JPEG of quality 60 1.07 to 1.71, of quality 30 1.28 to 2.47.
 const BLOCKY: f64 = 1.06;
-/// Frames that look at all rows of a video, in turns: two take 6 % of the time of a steady frame of 741 x 497
-/// by `fast`, four take 4 to 5 % and find what enters later, ...
-const TURNS: usize = 2;
-/// ... and rows of the fine copies that one of them looks at together: two blocks.
-const TURN_ROWS: usize = 16;
+/// Frames that look at all rows of a video in turns, where it is known what changes, and where not: two take
+/// 6 % of the time of a steady frame of 741 x 497 by `fast`, and find some things one frame late.
+const TURNS: [usize; 2] = [8, 2];
+/// Rows of squares that are looked at together.
+const TURN_ROWS: usize = 2;
 /// Rows of the finer copies of a band in which an end of the run is refined.
 const BAND: usize = 16;
 /// Fewest bands of an end, and one in how many of all.
@@ -326,23 +329,53 @@ pub fn left_out(
     Ok(beyond(places, candidates))
 }
 
-/// The places that match beyond the candidates of a map, in one of `TURNS` parts of its rows: what has
-/// entered a video.
+/// Where it is looked for what has entered a video.
+#[derive(Debug, Clone, Copy)]
+pub struct Asked<'a> {
+    /// The number of the frame: some rows of squares are looked at in turns, ...
+    pub turn: usize,
+    /// ... those that have changed in each; squares of [`BLOCK`] pixels of the fine copies.
+    pub changed: Option<&'a Plane<bool>>,
+}
+
+impl Asked<'_> {
+    /// Whether it is the turn of a row of squares.
+    fn is_in_turn(self, row: usize) -> bool {
+        let turns = TURNS[usize::from(self.changed.is_none())];
+        // After all turns, others are neighbors.
+        (row + self.turn / turns) / TURN_ROWS % turns == self.turn % turns
+    }
+
+    /// The bands of rows of squares that are looked at.
+    fn bands(self, rows: usize) -> Vec<Range<usize>> {
+        let is_one = |row: &usize| {
+            self.is_in_turn(*row) || self.changed.is_some_and(|all| all.row(*row).contains(&true))
+        };
+        let mut bands: Vec<Range<usize>> = vec![];
+        for row in (0..rows).filter(is_one) {
+            match bands.last_mut() {
+                Some(last) if last.end == row => last.end += 1,
+                _ => bands.push(row..row + 1),
+            }
+        }
+        bands
+    }
+}
+
+/// The places that match beyond the candidates of a map, of those asked for: what has entered a video.
 pub fn entered(
     pair: &Pair,
     map: &Plane<f32>,
     candidates: Candidates,
-    turn: usize,
+    asked: Asked,
     runtime: Runtime,
 ) -> Result<Vec<LeftOut>> {
     let (rows, cols) = pair.size();
     let unit = fine_factor((rows, cols));
-    let height = TURN_ROWS * unit;
-    let tops = (turn % TURNS * height..rows).step_by(TURNS * height);
-    let bands: Vec<Range<usize>> = tops
-        .map(|top| top..(top + height).min(rows / unit * unit))
-        .filter(|band| !band.is_empty())
-        .collect();
+    let (side, end) = (BLOCK * unit, rows / unit * unit);
+    let asked_rows = asked.bands(end.div_ceil(side));
+    let bands: Vec<Range<usize>> =
+        asked_rows.iter().map(|band| band.start * side..(band.end * side).min(end)).collect();
     if bands.is_empty() || rows.min(cols) < LEAST_SIZE {
         return Ok(vec![]);
     }
@@ -350,17 +383,23 @@ pub fn entered(
     let finest = Overview::finest_of_bands(pair, &bands, runtime)?;
     let copies = finest.reduced_by(unit / finest.factor, runtime)?;
     let map = overview::of_bands(map, &bands)?;
-    let guess = Guess { disparity: &map, by: copies.factor, finer: 1 };
+    let squares: Vec<usize> = asked_rows.into_iter().flatten().collect();
+    let is_asked = |y: usize, x: usize| {
+        let row = squares[y / BLOCK];
+        asked.is_in_turn(row) || asked.changed.is_some_and(|all| all.row(row)[x / BLOCK])
+    };
+    let judged = Plane::from_fn(copies.valid.rows(), copies.valid.cols(), is_asked);
+    let guess = Guess { disparity: &map, by: copies.factor, finer: 1, judged: Some(&judged) };
 
     let run = finest.span(candidates);
-    let (_, highest) = finest.widest();
-    let tried = if run.0 + run.1 >= 0 {
-        (run.0.min(0), highest.max(run.1))
-    } else {
-        (run.0.min(-highest), run.1.max(0))
-    };
+    let tried = reach(&finest, run, false);
     let found = fine_areas([&finest, &copies], guess, run, tried, None, runtime)?;
-    Ok(beyond(certain(found, &finest), candidates))
+    let blocky = || {
+        // Few rows do not show it.
+        let whole = Overview::finest_of_bands(pair, std::slice::from_ref(&(0..end)), runtime)?;
+        Ok(is_blocky(&whole))
+    };
+    Ok(beyond(certain(found, finest.factor, run, blocky)?, candidates))
 }
 
 /// The places outside a run of the copies that belong to the range, on all coarser copies, which withstand
@@ -401,7 +440,7 @@ fn small_places(
 ) -> Result<Vec<LeftOut>> {
     let (guess, reach) = (overview.guess(map, fine), reach(finest, run, true));
     let found = fine_areas([finest, fine], guess, run, reach, map.field.as_ref(), runtime)?;
-    Ok(certain(found, finest))
+    certain(found, finest.factor, run, || Ok(is_blocky(finest)))
 }
 
 /// The disparities that are tried beside a run: all that are nearer, and, unless the copies are finer than
@@ -445,23 +484,31 @@ pub fn belongs(area: &Area, run: Span) -> bool {
 
 /// The places of those areas of the finest copies that are certain. Blocks of lossy compression match each
 /// other, whatever they show, where their borders do.
-fn certain(mut found: Vec<Area>, finest: &Overview) -> Vec<LeftOut> {
+fn certain(
+    mut found: Vec<Area>,
+    factor: usize,
+    run: Span,
+    is_blocky: impl FnOnce() -> Result<bool>,
+) -> Result<Vec<LeftOut>> {
+    let is_farther = |area: &Area| {
+        if run.0 + run.1 >= 0 { area.span.1 < run.0 } else { area.span.0 > run.1 }
+    };
     let is_certain = |area: &Area| {
         let (size, against) = (area.size as u64, (area.size - area.seen) as u64);
-        area.gain * size.saturating_sub(2 * against) >= CERTAIN_FINE * size
+        let least = if is_farther(area) { CERTAIN_FARTHER } else { CERTAIN_FINE };
+        area.gain * size.saturating_sub(2 * against) >= least * size
     };
     found.retain(is_certain);
 
-    let mut places: Vec<LeftOut> =
-        found.iter().map(|area| LeftOut::new(area, finest.factor)).collect();
+    let mut places: Vec<LeftOut> = found.iter().map(|area| LeftOut::new(area, factor)).collect();
     let coincides = |place: &LeftOut| {
         let last = place.high.ceil() as isize;
         last.rem_euclid(CODED) <= last - place.low.floor() as isize
     };
-    if places.iter().any(coincides) && is_blocky(finest) {
+    if places.iter().any(coincides) && is_blocky()? {
         places.retain(|place| !coincides(place));
     }
-    places
+    Ok(places)
 }
 
 /// Whether copies show the borders of the blocks of lossy compression.

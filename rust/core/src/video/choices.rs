@@ -61,6 +61,30 @@ pub const RESERVE_DIVISOR: i64 = 12;
 /// Disparities beyond the reserve that are cut off, if they were not needed for long.
 pub const SPARE: i64 = 16;
 
+// Changes (`rig::changes`)
+
+/// Gray levels by which the mean of a square changes at least where something enters, ...
+pub const LEAST_CHANGE: f64 = 0.5;
+/// ... and in median changes of the squares.
+pub const CHANGE_MEDIANS: f64 = 6.0;
+/// Gray levels: the median change from which on the cameras move, or the light changes.
+pub const MOVING_FROM: f64 = 1.0;
+
+// Late cameras (`rig::stopped`)
+
+/// Pixels from frame to frame that are tried.
+pub const MOTION_REACH: usize = 32;
+/// Most frames whose motion is kept.
+pub const MOTION_FRAMES: usize = 12;
+/// Most frames by which a camera is late.
+pub const LATEST: isize = 3;
+/// Square pixels by which the motions of both cameras differ at least where one is late, ...
+pub const LEAST_APART: f64 = 1.0;
+/// ... and how many times more than those with the delay, ...
+pub const APART: f64 = 9.0;
+/// ... for which this is added of each frame.
+pub const MOTION_REST: f64 = 0.02;
+
 // Field of rows (`rig::field`)
 
 /// Columns of cells of an image, in each of which a block is looked for.

@@ -25,7 +25,7 @@ use std::time::Duration;
 use crate::estimation::blur;
 use crate::estimation::blur::parts::Part;
 use crate::estimation::facts::{Direction, Fact, Facts, Rows};
-use crate::estimation::range;
+use crate::estimation::range::{self, Asked};
 use crate::estimation::rows::RowOffsets;
 use crate::estimation::tracks::{AROUND, follow_here};
 use crate::estimation::{Estimates, Prepared, complete, prepare};
@@ -263,6 +263,7 @@ impl<'a> Followed<'a, '_> {
     ) -> Result<Frame> {
         geometry.field.predict();
         let input = self.input(&geometry)?;
+        self.rig.changes.update(input.pair.views()[0])?;
         let mut is_reused = input.is_as_before;
         let mut result = self.match_known(&geometry, &input, false)?;
         let mut is_anew = false;
@@ -468,9 +469,11 @@ impl<'a> Followed<'a, '_> {
     /// Whether something has entered beyond the disparities that were searched, which grow.
     fn has_entered(&mut self, geometry: &mut Geometry, result: &FrameMatch) -> Result<bool> {
         let prepared = &result.prepared;
-        let (known, turn) = (prepared.estimates.candidates.value, self.rig.frames as usize);
+        let known = prepared.estimates.candidates.value;
+        let asked =
+            Asked { turn: self.rig.frames as usize, changed: self.rig.changes.squares.as_ref() };
         let map = &result.map.disparity;
-        let places = range::entered(&prepared.pair, map, known, turn, self.runtime)?;
+        let places = range::entered(&prepared.pair, map, known, asked, self.runtime)?;
         let low = places.iter().map(|place| place.low.floor() as i64).min();
         let high = places.iter().map(|place| place.high.ceil() as i64).max();
         let (Some(low), Some(high)) = (low, high) else { return Ok(false) };

@@ -4,6 +4,7 @@
 //! `crate::video::frames` matches frames by it, and takes in what each of them shows. It holds a few thousand
 //! numbers, and where raw images are rectified from, and does not grow. As text ([`text`]) it can be kept.
 
+pub mod changes;
 pub mod columns;
 pub mod events;
 pub mod field;
@@ -15,6 +16,7 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
+use self::changes::Changes;
 use self::columns::Columns;
 use self::events::{Events, Steady, Subject};
 use self::field::FieldFilter;
@@ -47,6 +49,9 @@ pub struct Rig {
     /// Which camera has stopped.
     #[serde(skip)]
     pub stopped: Stopped,
+    /// Where the left image changes.
+    #[serde(skip)]
+    pub changes: Changes,
     /// What happened.
     pub events: Events,
     /// The share of the match that is probably wrong, over the last frames; NaN: unknown.

@@ -1,66 +1,175 @@
-//! A camera that has stopped: its image is that of the frame before, while the image of the other one has
-//! changed.
+//! A camera that has stopped, or that is late.
 //!
-//! The noise of a camera that runs is another one in every frame. Where both images are those of the frame
-//! before, the frame was only sent twice.
+//! The image of a camera that has stopped is that of the frame before, while that of the other one has
+//! changed: the noise of a camera that runs is another one in every frame. Where both images are those of the
+//! frame before, the frame was only sent twice. A camera that is always late moves as the other one did some
+//! frames ago:
+//!
+//! ```text
+//! profiles    = sums of the rows and of the columns of an image
+//! motion(t)   = by how much the profiles of frame t match those of frame t - 1 best, along both axes
+//! error(k)    = sum over the last t of |motion of the right image (t) - motion of the left one (t - k)|^2
+//! late by k   : error(0) over the same t >= LEAST_APART + APART error(k), and there is motion
+//! ```
+//!
+//! Cameras that rest, or move evenly, do not show it.
 
 use super::events::Steady;
-use crate::video::choices::CHANGED_FRAMES;
-use phasestereo_match::base::digest::Digest;
+use crate::video::choices::{
+    APART, CHANGED_FRAMES, LATEST, LEAST_APART, MOTION_FRAMES, MOTION_REACH, MOTION_REST,
+};
 use phasestereo_match::image::view::View;
 use phasestereo_match::pair::Pair;
 
-/// What the last frame was, and which camera has stopped.
+/// Rows and columns.
+type Profiles = [Vec<i64>; 2];
+/// Pixels along rows and columns, of both images.
+type Motions = [[f64; 2]; 2];
+
+/// What the last frames were, and which camera has stopped or is late.
 #[derive(Debug, Clone)]
 pub struct Stopped {
-    /// The digests of its images.
-    last: Option<[u64; 2]>,
-    /// 0: none, 1: the left one, 2: the right one.
+    /// The profiles of the images of the last one.
+    last: Option<[Profiles; 2]>,
+    /// 0: none, 1: the left one, 2: the right one has stopped.
     side: Steady,
+    /// The motions of the last frames.
+    motions: Vec<Motions>,
+    /// By how many frames the right camera is late.
+    late: isize,
 }
 
 impl Default for Stopped {
     fn default() -> Self {
-        Self { last: None, side: Steady::new(0) }
+        Self { last: None, side: Steady::new(0), motions: vec![], late: 0 }
     }
 }
 
 impl Stopped {
     /// Takes in a frame. Returns a sentence about a change, if there is one.
     pub fn update(&mut self, pair: &Pair) -> Option<String> {
-        let [left, right] = pair.views().map(digest);
-        let last = self.last.replace([left, right])?;
+        let profiles = pair.views().map(profiles);
+        let last = self.last.replace(profiles)?;
+        let now = self.last.as_ref()?;
 
-        let (said, patience) = match [left == last[0], right == last[1]] {
+        let (said, patience) = match [now[0] == last[0], now[1] == last[1]] {
             [true, true] => return None,
             [true, false] => (1, 1),
             [false, true] => (2, 1),
             [false, false] => (0, CHANGED_FRAMES),
         };
         let before = self.side.state;
-        self.side.update(said, patience)?;
+        let has_changed = self.side.update(said, patience).is_some();
+        if said != 0 || self.side.state != 0 {
+            self.motions.clear();
+        }
+
         let name = |state| if state == 1 { "left" } else { "right" };
-        Some(match said {
-            0 => format!("the {} camera goes on", name(before)),
-            one => format!(
-                "the {} camera has stopped or is late: its image is that of the frame before, the other one \
-                 changes",
-                name(one)
-            ),
+        if has_changed {
+            return Some(match said {
+                0 => format!("the {} camera goes on", name(before)),
+                one => format!(
+                    "the {} camera has stopped or is late: its image is that of the frame before, the other \
+                     one changes",
+                    name(one)
+                ),
+            });
+        }
+        if self.side.state != 0 {
+            return None;
+        }
+        let of_axis = |side: usize, axis: usize| motion(&last[side][axis], &now[side][axis]);
+        self.late([0, 1].map(|side| [0, 1].map(|axis| of_axis(side, axis))))
+    }
+
+    /// Takes in how both images moved. Returns a sentence about a camera that is late, or is not any more.
+    fn late(&mut self, motions: [[Option<f64>; 2]; 2]) -> Option<String> {
+        let [[Some(left), Some(down)], [Some(right), Some(below)]] = motions else {
+            self.motions.clear();
+            return None;
+        };
+        self.motions.push([[left, down], [right, below]]);
+        let surplus = self.motions.len().saturating_sub(MOTION_FRAMES);
+        self.motions.drain(..surplus);
+
+        let lags = (-LATEST..=LATEST).filter(|lag| *lag != self.late);
+        let fits = |lag: isize| {
+            let [known, other, moved] = self.errors(lag);
+            let most = LEAST_APART + APART * other;
+            (known >= most && moved >= LEAST_APART).then_some((known / most, lag))
+        };
+        let (_, best) = lags.filter_map(fits).max_by(|a, b| a.0.total_cmp(&b.0))?;
+        self.motions.clear();
+        let before = std::mem::replace(&mut self.late, best);
+        let name = |lag: isize| if lag > 0 { ["right", "left"] } else { ["left", "right"] };
+        Some(if best == 0 {
+            format!("the {} camera is in time again", name(before)[0])
+        } else {
+            let [one, other] = name(best);
+            let (count, s) = (best.unsigned_abs(), if best.abs() == 1 { "" } else { "s" });
+            format!(
+                "the {one} camera is late by {count} frame{s}: it moves as the {other} one did before"
+            )
         })
+    }
+
+    /// The sums of squares by which motions differ with the lag that is known, and with another one, and of
+    /// the motions that are repeated.
+    fn errors(&self, lag: isize) -> [f64; 3] {
+        let square = |a: [f64; 2], b: [f64; 2]| (a[0] - b[0]).powi(2) + (a[1] - b[1]).powi(2);
+        let repeated = |at: usize, lag: isize| {
+            let [early, late] = if lag >= 0 { [0, 1] } else { [1, 0] };
+            (self.motions[at - lag.unsigned_abs()][early], self.motions[at][late])
+        };
+        let apart = |at: usize, lag: isize| {
+            let (then, now) = repeated(at, lag);
+            square(then, now)
+        };
+
+        let seen = lag.unsigned_abs().max(self.late.unsigned_abs())..self.motions.len();
+        let rest = MOTION_REST * seen.len() as f64;
+        let sum = |lag| seen.clone().map(|at| apart(at, lag)).sum::<f64>();
+        let moved = seen.clone().map(|at| square(repeated(at, lag).0, [0.0; 2])).sum();
+        [sum(self.late), sum(lag) + rest, moved]
     }
 }
 
-/// A digest of the gray values: of the sums of each row, weighted so that values which change places count.
-fn digest(view: &View) -> u64 {
+/// The sums of rows and of columns.
+fn profiles(view: &View) -> Profiles {
     let gray = view.gray();
-    let mut digest = Digest::default();
-    for y in 0..gray.rows() {
-        let weighted =
-            gray.row(y).iter().zip(0..).map(|(value, x)| i64::from(*value) * (2 * x + 1));
-        digest.add(weighted.sum::<i64>().to_le_bytes());
+    let mut columns = vec![0; gray.cols()];
+    let row = |y: usize| {
+        let row = gray.row(y);
+        columns.iter_mut().zip(row).for_each(|(sum, value)| *sum += i64::from(*value));
+        row.iter().map(|value| i64::from(*value)).sum()
+    };
+    let rows = (0..gray.rows()).map(row).collect();
+    [rows, columns]
+}
+
+/// By how many pixels a profile has moved; `None`: by more than is tried, or it is another one.
+fn motion(before: &[i64], now: &[i64]) -> Option<f64> {
+    let slopes = |profile: &[i64]| -> Vec<f64> {
+        profile.windows(3).map(|three| (three[2] - three[0]) as f64).collect()
+    };
+    let (before, now) = (slopes(before), slopes(now));
+    if before.len() != now.len() || before.len() < 4 * MOTION_REACH {
+        return None;
     }
-    digest.value()
+    let middle = &now[MOTION_REACH..now.len() - MOTION_REACH];
+    let apart = |shift: usize| -> f64 {
+        middle.iter().zip(&before[shift..]).map(|(now, before)| (now - before).powi(2)).sum()
+    };
+    let apart: Vec<f64> = (0..=2 * MOTION_REACH).map(apart).collect();
+    let best = (0..apart.len()).min_by(|a, b| apart[*a].total_cmp(&apart[*b]))?;
+    let energy: f64 = middle.iter().map(|slope| slope * slope).sum();
+    let &[left, least, right] = apart.get(best.checked_sub(1)?..best + 2)? else { return None };
+    if 2.0 * least > energy {
+        return None;
+    }
+    let bend = left - 2.0 * least + right;
+    let part = if bend > 0.0 { (left - right) / (2.0 * bend) } else { 0.0 };
+    Some(MOTION_REACH as f64 - best as f64 - part)
 }
 
 #[cfg(test)]
