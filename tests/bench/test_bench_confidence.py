@@ -135,6 +135,12 @@ def test_the_judge_learns_which_claims_are_right_and_writes_it_for_the_core(
     differ = traits[:, 0] > 1
     assert np.corrcoef(ahead[differ], odds[differ])[0, 1] > 0.95
 
+    true = replace(made, method=claims.TRUTH, errors=np.zeros_like(errors))
+    other = judging.learn([made, true])  # true maps change what is taken, not how surely
+    np.testing.assert_array_equal(other.heights, weights.heights)
+    more = judging.odds_of(made, replace(other, heights=[other.ahead] * judging.CASES))
+    assert more[differ].mean() > ahead[differ].mean() + 0.1
+
     judging.write_weights(weights, tmp_path / "weights.rs")
     form = re.compile(r"-?\d+\.\d+")
     shapes = [form.sub("0", text.read_text("utf-8")) for text in (tmp_path / "weights.rs", JUDGE)]

@@ -68,11 +68,11 @@ def same(one: ps.Result, other: ps.Result) -> bool:
 
 def test_a_better_map_makes_the_result_better_and_says_where(scene: Scene) -> None:
     found = fused(scene, scene.truth)
-    assert wrong(scene, found.disparity) < 0.95 * wrong(scene, scene.own.disparity)
+    assert wrong(scene, found.disparity) < 0.92 * wrong(scene, scene.own.disparity)
 
     taken = (found.flags & ps.Flag.SECOND) != 0
     assert found.summary.second == pytest.approx(taken.mean())
-    assert 0.01 < taken.mean() < 0.5
+    assert 0.02 < taken.mean() < 0.5
     assert np.array_equal(found.disparity[taken], scene.truth[taken])
     right = 1 - wrong(scene, found.disparity)
     assert found.confidence[scene.seen].mean() == pytest.approx(right, abs=0.05)

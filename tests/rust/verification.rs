@@ -1,18 +1,20 @@
 //! The second opinion: its evidence and its verdicts, pixel by pixel from their definitions.
 
 use crate::common::{hash, levels, mask, view};
-use phasestereo::internals::verification::evidence::ClaimEvidence;
+use phasestereo::internals::verification::evidence::against;
 use phasestereo::internals::verification::fuse::fuse;
-use phasestereo::internals::verification::judge::{Chance, bar as bar_of, probability};
+use phasestereo::internals::verification::judge::{Chance, bar as bar_of};
 use phasestereo::internals::verification::test::Test;
+use phasestereo::internals::verification::traits::{TRAITS, Traits};
 use phasestereo::internals::verification::verdict;
 use phasestereo_match::base::control::Control;
-use phasestereo_match::base::math::{exp, ln};
+use phasestereo_match::base::math::{exp_single, ln};
 use phasestereo_match::base::plane::Plane;
 use phasestereo_match::base::simd::Level;
 use phasestereo_match::cost::Costs;
 use phasestereo_match::image::view::View;
 use phasestereo_match::matcher::{Disparity, Timings};
+use phasestereo_match::pair::Pair;
 use phasestereo_match::pair::candidates::Candidates;
 use phasestereo_match::refinement::flag;
 use phasestereo_match::settings::presets::Preset;
@@ -153,8 +155,8 @@ fn evidence_is_what_its_definition_says() {
     for is_masked in [false, true] {
         let [left, right] = &views(is_masked);
         let costs = any_columns([left, right], &settings());
-        let found = ClaimEvidence::new(&map, &own, &costs, Level::best(), &Control::default())
-            .expect("memory");
+        let found =
+            against(&map, &own, &costs, Level::best(), &Control::default()).expect("memory");
 
         for (y, x) in window(0, 0, ROWS) {
             let here = side(&map, &own, y, x);
@@ -173,23 +175,7 @@ fn evidence_is_what_its_definition_says() {
                 (sum as f64 / 256.0 / (f64::from(pixels) + 4.0).sqrt()) as f32
             };
             told += i32::from(expected != 0.0);
-            assert_eq!(found.against.row(y)[x].to_bits(), expected.to_bits(), "{y} {x}");
-
-            for (radius, means) in [2, 6].into_iter().zip(&found.means) {
-                let both = window(y, x, radius).filter_map(|(v, u)| {
-                    let claim = Some(map.row(v)[u]).filter(|claim| claim.is_finite())?;
-                    cost(&costs, v, u, claim).zip(cost(&costs, v, u, own.disparity.row(v)[u]))
-                });
-                let (mut sums, mut pixels) = ([0, 0], 0);
-                for (claimed, matched) in both {
-                    sums = [sums[0] + claimed, sums[1] + matched];
-                    pixels += 1;
-                }
-                let mean = |sum: i64| (sum as f64 / (f64::from(pixels) * 256.0)) as f32;
-                let expected = sums.map(|sum| if pixels > 0 { mean(sum) } else { f32::NAN });
-                let found = means.row(y)[x];
-                assert_eq!(found.map(f32::to_bits), expected.map(f32::to_bits), "{y} {x} {radius}");
-            }
+            assert_eq!(found.row(y)[x].to_bits(), expected.to_bits(), "{y} {x}");
         }
     }
 
@@ -254,15 +240,14 @@ fn verdicts_are_what_their_definition_says() {
     let (map, own) = (claims(), own());
     let [left, right] = &views(false);
     let costs = any_columns([left, right], &settings());
-    let evidence =
-        ClaimEvidence::new(&map, &own, &costs, Level::best(), &Control::default()).expect("memory");
+    let against = against(&map, &own, &costs, Level::best(), &Control::default()).expect("memory");
 
-    let test = Test { map: &map, own: &own, evidence: &evidence };
+    let test = Test { map: &map, own: &own, against: &against };
     let (verdicts, counts) = test.judge(Level::best(), &Control::default()).expect("memory");
 
     let mut expected = [0; 4];
     for (y, x) in window(0, 0, ROWS) {
-        let verdict = judged(&map, &own, evidence.against.row(y)[x], y, x);
+        let verdict = judged(&map, &own, against.row(y)[x], y, x);
         assert_eq!(verdicts.row(y)[x], verdict, "{y} {x}");
         expected[usize::from(verdict)] += 1;
     }
@@ -278,17 +263,16 @@ fn verdicts_are_what_their_definition_says() {
 
 /// Chances without a pattern.
 fn chances() -> Plane<Chance> {
+    let (map, own) = (claims(), own());
+    let differs = |y: usize, x: usize| {
+        let by = (map.row(y)[x] - own.disparity.row(y)[x]).abs();
+        by.is_finite() && by > 1.0
+    };
     Plane::from_fn(ROWS, COLS, |y, x| Chance {
-        odds: 6.0 * share(20, y, x) - 3.0,
-        ahead: 6.0 * share(23, y, x) - 3.0,
+        confidence: share(20, y, x),
+        ahead: if differs(y, x) { 6.0 * share(23, y, x) - 3.0 } else { 0.0 },
         bar: share(21, y, x),
     })
-}
-
-/// The logarithm of the odds of a probability that is neither 0 nor 1.
-fn odds(probability: f32) -> f32 {
-    let kept = f64::from(probability.clamp(0.003, 1.0 - 0.003));
-    ln(kept / (1.0 - kept)) as f32
 }
 
 /// Disparity, flags, confidence and bar of a pixel of the fused map.
@@ -308,7 +292,7 @@ fn fused_pixel(
     }
     if (matched - claim).abs() <= 1.0 {
         let disparity = matched + share * (claim - matched);
-        return (disparity, flags, probability(here.odds), 0.5 * (here.bar + bar));
+        return (disparity, flags, here.confidence, 0.5 * (here.bar + bar));
     }
 
     let ahead: i64 = window(y, x, 4)
@@ -318,17 +302,16 @@ fn fused_pixel(
         })
         .map(|(v, u)| (chances.row(v)[u].ahead.clamp(-10.0, 10.0) * 1024.0) as i64)
         .sum();
-    if if matched.is_nan() { here.odds > 0.0 } else { ahead > 0 } {
+    if if matched.is_nan() { here.confidence > 0.5 } else { ahead > 0 } {
         let seen = flags & (flag::OUTSIDE | flag::MATCH_MASKED | flag::OCCLUDED);
-        return (claim, seen | flag::SECOND, probability(here.odds), here.bar);
+        return (claim, seen | flag::SECOND, here.confidence, here.bar);
     }
     if matched.is_nan() {
         return (matched, flags, confidence, bar);
     }
-    let claimed = probability(here.odds);
-    let rest = claimed / exp(f64::from(here.ahead)) as f32;
-    let odds = odds(rest.min(confidence).min(1.0 - claimed));
-    (matched, flags, probability(odds), bar_of(odds, flags))
+    let rest = here.confidence / exp_single(here.ahead);
+    let kept = rest.min(confidence).min(1.0 - here.confidence).clamp(0.003, 1.0 - 0.003);
+    (matched, flags, kept, bar_of(kept, flags))
 }
 
 #[test]
@@ -338,7 +321,7 @@ fn two_maps_become_what_the_definition_says() {
         (claims(), Disparity { uncertainty: Some(uncertainty), ..own() }, chances());
     for (wrong, share) in [(0.1, 0.25), (0.3, 0.5)] {
         for level in levels() {
-            let found = fuse(&own, &map, &chances, wrong, level, &Control::default());
+            let found = fuse(own.clone(), &map, &chances, wrong, level, &Control::default());
             let found = found.expect("memory");
             let confidence = found.confidence.as_ref().expect("confidences");
             let bars = found.uncertainty.as_ref().expect("bars");
@@ -354,6 +337,72 @@ fn two_maps_become_what_the_definition_says() {
                 assert_eq!(found.flags.row(y)[x], flags, "{y} {x}");
             }
             assert!(taken > 100, "the second map is hardly taken: {taken}");
+        }
+    }
+}
+
+#[test]
+fn traits_are_what_their_definition_says() {
+    let (map, own) = (claims(), own());
+    let [left, right] = views(false);
+    let gray = left.gray().clone();
+    let pair = Pair::new(left, right, 0, 20).expect("legal");
+    let confidence = own.confidence.as_ref().expect("confidences");
+    let odds = |p: f64| {
+        let p = p.clamp(0.003, 0.997);
+        ln(p / (1.0 - p))
+    };
+    let texture =
+        |y: usize, x: usize| f64::from((gray.row(y)[x] - gray.row(y)[x.max(1) - 1]).abs());
+    let all: Vec<_> = window(0, 0, ROWS).collect();
+    let mean = |places: &[(usize, usize)], value: &dyn Fn(usize, usize) -> f64| {
+        places.iter().map(|(v, u)| value(*v, *u)).sum::<f64>() / places.len() as f64
+    };
+    let inner: Vec<_> = all.iter().copied().filter(|(_, x)| *x > 0).collect();
+    let roughness = mean(&inner, &texture);
+
+    let sure = |y: usize, x: usize| f64::from(confidence.row(y)[x]);
+    let agree = |places: &[(usize, usize)]| {
+        let near = |v: usize, u: usize| (own.disparity.row(v)[u] - map.row(v)[u]).abs() <= 1.0;
+        let claims = places.iter().filter(|(v, u)| map.row(*v)[*u].is_finite()).count();
+        places.iter().filter(|(v, u)| near(*v, *u)).count() as f64 / claims.max(1) as f64
+    };
+    let column = |y: usize, u: usize| (u as f32 - map.row(y)[u]).round() as i64;
+    for level in levels() {
+        let traits = Traits::new(&map, &own, &pair, level, &Control::default()).expect("memory");
+        for y in 0..ROWS {
+            let mut row = [[0.0; TRAITS]; COLS];
+            traits.write_row(y, &mut row);
+            for (x, found) in row.iter().enumerate() {
+                let (claim, matched) = (map.row(y)[x], own.disparity.row(y)[x]);
+                if !claim.is_finite() {
+                    assert!(found.iter().all(|value| value.is_nan()));
+                    continue;
+                }
+                let [near, far] = [4, 15].map(|radius| window(y, x, radius).collect::<Vec<_>>());
+                let gap = if matched.is_nan() { 20.0 } else { (matched - claim).abs().min(20.0) };
+                let is_seen = (0..COLS as i64).contains(&column(y, x));
+                let hides = |u| map.row(y)[u] > claim + 1.0 && column(y, u) == column(y, x);
+                let flags = own.flags.row(y)[x];
+                let expected = [
+                    (0, f64::from(gap)),
+                    (1, odds(sure(y, x))),
+                    (2, odds(mean(&near, &sure))),
+                    (3, odds(mean(&far, &sure))),
+                    (8, agree(&near)),
+                    (9, agree(&far)),
+                    (10, ln(0.05 + mean(&near, &texture) / roughness)),
+                    (11, f64::from(is_seen && (0..COLS).any(hides))),
+                    (12, f64::from(!is_seen)),
+                    (14, f64::from(flags & flag::FILLED != 0)),
+                    (16, odds(mean(&all, &sure))),
+                    (17, agree(&all)),
+                ];
+                for (which, expected) in expected {
+                    let off = (f64::from(found[which]) - expected).abs();
+                    assert!(off < 1e-3, "{y} {x} {which}: {} {expected}", found[which]);
+                }
+            }
         }
     }
 }

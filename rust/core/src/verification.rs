@@ -31,11 +31,9 @@ use crate::estimation::facts::Facts;
 use crate::finding::Finding;
 use crate::match_pair::{Matched, Ready, made_ready};
 use crate::verification::claims::Claims;
-use crate::verification::evidence::ClaimEvidence;
 use crate::verification::hypotheses::{Misreading, Sample};
-use crate::verification::judge::probability;
 use crate::verification::test::Test;
-use crate::verification::traits::{Judged, TRAITS, Traits, Values};
+use crate::verification::traits::{TRAITS, Traits, Values};
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::plane::Plane;
 use phasestereo_match::cost::Costs;
@@ -124,8 +122,7 @@ pub fn judged(
 
     let pair = ready.prepared.pair.clone();
     let costs = any_costs(&pair, &ready.prepared.settings, runtime)?;
-    let sample = Sample::new(&claims.matched, &costs);
-    let misreading = Misreading::of(&sample);
+    let misreading = Misreading::of(&Sample::new(&claims.matched), &costs);
     if misreading.is_none() {
         let estimates = &mut ready.prepared.estimates;
         estimates.candidates.value =
@@ -134,10 +131,11 @@ pub fn judged(
     }
 
     let matched = ready.matched(&settings, runtime)?;
-    let evidence = evidence(&claims.matched, &matched, &costs, runtime)?;
-    let traits = traits(&claims.matched, &matched, &evidence, &costs, runtime)?;
-    let chances = judge::chances(&traits, matched.own(), control)?;
-    let test = Test { map: &claims.matched, own: matched.own(), evidence: &evidence };
+    let traits = Traits::new(&claims.matched, matched.own(), &pair, execution.level, control)?;
+    let chances = judge::chances(&traits, execution.level, control)?;
+    let against =
+        evidence::against(&claims.matched, matched.own(), &costs, execution.level, control)?;
+    let test = Test { map: &claims.matched, own: matched.own(), against: &against };
     let (verdicts, counts) = test.judge(execution.level, control)?;
 
     let mut verdicts = claims.raw(verdicts, verdict::NO_CLAIM);
@@ -154,11 +152,10 @@ pub fn judged(
         }
     }
 
-    let confidence = chances.map(|found| probability(found.odds));
     Ok(Verification {
         verdicts,
         better,
-        confidence: claims.raw(confidence, 0.0),
+        confidence: claims.raw(chances.map(|found| found.confidence), 0.0),
         uncertainty: claims.raw_lengths(chances.map(|found| found.bar)),
         counts,
         findings: findings::findings(counts, misreading),
@@ -180,20 +177,18 @@ pub fn observe(
     let ready = made_ready(pair, &facts.along_rows(), &settings, runtime)?;
     let matched = ready.matched(&settings, runtime)?;
     let raw = matched.rectified.as_ref().map(|rectified| &*rectified.raw);
-    let costs = any_costs(&matched.prepared.pair, &matched.prepared.settings, runtime)?;
+    let Runtime { execution, control, .. } = runtime;
 
     let traits = |map| {
-        let claims = Claims::new(map, size, raw, runtime.control)?;
-        let evidence = evidence(&claims.matched, &matched, &costs, runtime)?;
-        let traits = traits(&claims.matched, &matched, &evidence, &costs, runtime)?;
-        let values = Plane::by_rows(traits.size(), runtime.control, |y, row: &mut [Values]| {
-            row.fill([f32::NAN; TRAITS]);
-            traits.of_row(y, |x, values| row[x] = values);
+        let claims = Claims::new(map, size, raw, control)?;
+        let pair = &matched.prepared.pair;
+        let traits = Traits::new(&claims.matched, matched.own(), pair, execution.level, control)?;
+        let values = Plane::by_rows(traits.size(), control, |y, row: &mut [Values]| {
+            traits.write_row(y, row);
         })?;
         Ok(claims.raw(values, [f32::NAN; TRAITS]))
     };
     let traits = maps.iter().map(traits).collect::<Result<_>>()?;
-    drop(costs);
     Ok((matched, traits))
 }
 
@@ -203,27 +198,4 @@ fn any_costs<'a>(pair: &'a Pair, settings: &Settings, runtime: Runtime) -> Resul
     // That is so where disparity 0 is a candidate.
     let any = Candidates::new(0, 1, pair.size().1)?;
     Costs::new(pair.views(), any, settings, pair.blur_compensation(), execution.level, control)
-}
-
-/// What the costs say against the claims of a map.
-fn evidence(
-    claims: &Plane<f32>,
-    matched: &Matched,
-    costs: &Costs,
-    Runtime { execution, control, .. }: Runtime,
-) -> Result<ClaimEvidence> {
-    ClaimEvidence::new(claims, matched.own(), costs, execution.level, control)
-}
-
-/// The traits of the claims of a map.
-fn traits<'a>(
-    claims: &'a Plane<f32>,
-    matched: &'a Matched,
-    evidence: &'a ClaimEvidence,
-    costs: &Costs,
-    Runtime { execution, control, .. }: Runtime,
-) -> Result<Traits<'a>> {
-    let unrelated = Sample::new(claims, costs).unrelated();
-    let judged = Judged { map: claims, own: matched.own(), evidence, unrelated };
-    Traits::new(judged, &matched.prepared.pair, execution.level, control)
 }

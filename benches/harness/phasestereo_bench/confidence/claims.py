@@ -1,8 +1,8 @@
 """Spoiled pairs and maps of other matchers -> pixels from which the core learns to judge maps.
 
-Every scene is taken as it is and under faults of the suites, and matched by several methods. Of
-each map remain the traits of some pixels that both images see, as the core computes them, and how
-far claim and own disparity are off.
+Every scene is taken as it is and under faults of the suites, and matched by several methods; the
+truth is one more map. Of each map remain the traits of some pixels that both images see, as the
+core computes them, and how far claim and own disparity are off.
 """
 
 from __future__ import annotations
@@ -26,6 +26,8 @@ from phasestereo_bench.runner import Job
 
 OFTEN = "sharp", "disk 6", "noise 20", "jpeg 70", "both disk 3"
 """Conditions of every scene."""
+TRUTH = "truth"
+"""Method of true maps."""
 _OTHERS_PER_SCENE = 5
 _PIXELS = 500  # of each map
 _SEED = 7
@@ -81,8 +83,9 @@ def observe_claims(
     rng = np.random.default_rng(seed)
 
     chosen = [method(each) for each in methods]
-    names = list(map(str, chosen))
+    names = [*map(str, chosen), TRUTH]
     maps = [matched_pair(each, pair).disparity.astype(np.float32) for each in chosen]
+    maps.append(truth)
     seen = pair.masks["nonocc"] & np.isfinite(truth)
     seen &= np.arange(truth.shape[1]) >= truth
 

@@ -17,8 +17,6 @@
 //! So a claim that costs as much as the own disparity in every pixel has no evidence against it, and many
 //! small differences weigh as much as noise lets them. The costs of disparities between two candidates are
 //! interpolated.
-//!
-//! The means of both costs over windows of 5 x 5 and of 13 x 13 pixels are kept, too.
 
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Result;
@@ -34,108 +32,68 @@ pub const STEPS: u32 = 256;
 pub const DIFFERENT: f32 = 0.8;
 /// Pixels from the center of the window to its side.
 const RADIUS: usize = 7;
-/// The same of the windows over which costs are averaged.
-const MEAN_RADII: [usize; 2] = [2, 6];
 /// Pixels by which a small area counts less.
 const FEW: f64 = 4.0;
 /// Rows that one task works on.
 const BAND: usize = 32;
 
-/// What pixels say against the claims.
-#[derive(Debug)]
-pub struct ClaimEvidence {
-    /// Bits per square root of the pixels; 0 where claim and own disparity agree or one is missing.
-    pub against: Plane<f32>,
-    /// Mean costs of the claims and of the own disparities over 5 x 5 and over 13 x 13 pixels, bits; NaN
-    /// where no pixel has both.
-    pub means: [Plane<[f32; 2]>; 2],
-}
-
-/// The costs of a pixel at its claim and at the own disparity.
+/// A pixel whose claim and own disparity differ.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 struct Compared {
     /// -1: the own disparity is smaller, 1: it is larger, 0: neither.
     side: i8,
-    /// Whether both costs are known.
-    is_known: bool,
-    claimed: i32,
-    own: i32,
+    /// By how much the own disparity costs less.
+    lower: i32,
 }
 
-impl ClaimEvidence {
-    /// The evidence against the claims of a map, on the threads of the current pool.
-    pub fn new(
-        map: &Plane<f32>,
-        own: &Disparity,
-        costs: &Costs,
-        level: Level,
-        control: &Control,
-    ) -> Result<Self> {
-        let size = (map.rows(), map.cols());
-        let compared = Plane::by_rows(size, control, |y, row| {
-            let pixels = row.iter_mut().zip(map.row(y)).zip(own.disparity.row(y));
-            for (x, ((out, claim), own)) in pixels.enumerate() {
-                *out = Compared::of(costs, size.1, (y, x), *claim, *own);
-            }
-        })?;
+/// The evidence against the claims of a map, bits per square root of the pixels, on the threads of the current
+/// pool; 0 where claim and own disparity agree or one is missing.
+pub fn against(
+    map: &Plane<f32>,
+    own: &Disparity,
+    costs: &Costs,
+    level: Level,
+    control: &Control,
+) -> Result<Plane<f32>> {
+    let size = (map.rows(), map.cols());
+    let compared = Plane::by_rows(size, control, |y, row| {
+        let pixels = row.iter_mut().zip(map.row(y)).zip(own.disparity.row(y));
+        for (x, ((out, claim), own)) in pixels.enumerate() {
+            *out = Compared::of(costs, size.1, (y, x), *claim, *own);
+        }
+    })?;
 
-        let windows = |radius| Windows { size, radius, beyond: Beyond::Nothing };
-        let against = Plane::by_bands(size, BAND, |first, band| {
-            control.checkpoint()?;
-            let values = |y: usize| compared.row(y).iter().map(|one| one.by_side());
-            let strength = |y: usize, x: usize, sums| strength(compared.row(y)[x].side, sums);
-            windows(RADIUS).write((first, band), values, strength, level)
-        })?;
-
-        let means = |radius: usize| {
-            Plane::by_bands(size, BAND, |first, band| {
-                control.checkpoint()?;
-                let values = |y: usize| compared.row(y).iter().map(|one| one.costs());
-                windows(radius).write((first, band), values, |_, _, sums| mean_costs(sums), level)
-            })
-        };
-        let [few, many] = MEAN_RADII;
-        Ok(Self { against, means: [means(few)?, means(many)?] })
-    }
+    let windows = Windows { size, radius: RADIUS, beyond: Beyond::Nothing };
+    Plane::by_bands(size, BAND, |first, band| {
+        control.checkpoint()?;
+        let values = |y: usize| compared.row(y).iter().map(|one| one.by_side());
+        let strength = |y: usize, x: usize, sums| strength(compared.row(y)[x].side, sums);
+        windows.write((first, band), values, strength, level)
+    })
 }
 
 impl Compared {
     fn of(costs: &Costs, cols: usize, place: (usize, usize), claim: f32, own: f32) -> Self {
+        let by = own - claim;
+        let side = i8::from(by > DIFFERENT) - i8::from(by < -DIFFERENT);
         // Infinity claims nothing, as NaN does.
-        if !claim.is_finite() || own.is_nan() {
+        if side == 0 || !claim.is_finite() {
             return Self::default();
         }
 
-        let by = own - claim;
-        let side = i8::from(by > DIFFERENT) - i8::from(by < -DIFFERENT);
         let cost = |disparity| cost_at(costs, cols, place, disparity);
-        let (is_known, claimed, own) = match cost(claim).zip(cost(own)) {
-            Some((claimed, own)) => (true, claimed, own),
-            None => (false, 0, 0),
-        };
-        Self { side, is_known, claimed, own }
+        let lower = cost(claim).zip(cost(own)).map_or(0, |(claimed, own)| claimed - own);
+        Self { side, lower }
     }
 
     /// What it adds to the sums: differences and pixels of the negative side, then of the positive one.
     fn by_side(self) -> [i32; 4] {
-        let lower = self.claimed - self.own;
         match self.side {
             0 => [0; 4],
-            1.. => [0, 0, lower, 1],
-            _ => [lower, 1, 0, 0],
+            1.. => [0, 0, self.lower, 1],
+            _ => [self.lower, 1, 0, 0],
         }
     }
-
-    /// What it adds to the sums of costs: of claims, of own disparities, and pixels.
-    fn costs(self) -> [i32; 3] {
-        [self.claimed, self.own, i32::from(self.is_known)]
-    }
-}
-
-/// The mean costs of claims and of own disparities, bits.
-fn mean_costs([claimed, own, pixels]: [i32; 3]) -> [f32; 2] {
-    let parts = f64::from(pixels) * f64::from(STEPS);
-    [claimed, own].map(|sum| if pixels > 0 { (f64::from(sum) / parts) as f32 } else { f32::NAN })
 }
 
 /// The evidence of a pixel, from the sums over its window.

@@ -41,12 +41,17 @@ impl Misreading {
         }
     }
 
-    /// The reading under which pixels match far better than as they stand, if there is one.
-    pub fn of(sample: &Sample) -> Option<Self> {
-        let plain = sample.advantage(|claim| claim).max(0.0);
+    /// The reading under which pixels match far better than as they stand, if there is one; of the costs, any
+    /// two columns can be compared.
+    pub fn of(sample: &Sample, costs: &Costs) -> Option<Self> {
+        let random = sample.random(costs);
+        let advantage = |reading: Option<Self>| {
+            let read = |claim| reading.map_or(claim, |reading| reading.read(claim));
+            sample.advantage(costs, random, read)
+        };
 
-        let advantage = |reading: Self| sample.advantage(|claim| reading.read(claim));
-        let readings = Self::ALL.map(|reading| (reading, advantage(reading)));
+        let plain = advantage(None).max(0.0);
+        let readings = Self::ALL.map(|reading| (reading, advantage(Some(reading))));
         let (reading, best) =
             readings.into_iter().reduce(|best, next| if next.1 > best.1 { next } else { best })?;
 
@@ -54,19 +59,16 @@ impl Misreading {
     }
 }
 
-/// Some of the claims, and the costs of their pixels.
-pub struct Sample<'a> {
-    costs: &'a Costs<'a>,
+/// Some of the claims.
+pub struct Sample {
     cols: usize,
     /// Row, column and claim.
     claims: Vec<(usize, usize, f32)>,
-    /// Sum of the costs of as many pixels with others of their row, in the unit of [`cost_at`].
-    random: i64,
 }
 
-impl<'a> Sample<'a> {
-    /// A sample of the claims of a map; of the costs, any two columns can be compared.
-    pub fn new(map: &Plane<f32>, costs: &'a Costs<'a>) -> Self {
+impl Sample {
+    /// A sample of the claims of a map.
+    pub fn new(map: &Plane<f32>) -> Self {
         let (rows, cols) = (map.rows(), map.cols());
         let [down, across] = [rows, cols].map(|length| length.div_ceil(SAMPLES));
 
@@ -75,22 +77,7 @@ impl<'a> Sample<'a> {
             let first = y / down % 2 * (across / 2);
             (first..cols).step_by(across).map(move |x| (y, x, map.row(y)[x]))
         });
-        let claims: Vec<_> = places.filter(|(_, _, claim)| claim.is_finite()).collect();
-
-        // A fixed stride pairs pixels as well as chance does.
-        let pair = |(index, (y, x, _)): (usize, &(usize, usize, f32))| -> i64 {
-            let other = (x + cols / 3 + index * 61 % cols.div_ceil(3)) % cols;
-            i64::from(costs.between(*y, *x, other).unwrap_or_default()) * i64::from(STEPS)
-        };
-        let random = claims.iter().enumerate().map(pair).sum();
-
-        Self { costs, cols, claims, random }
-    }
-
-    /// The mean cost of pixels that have nothing to do with each other, bits; 1 without such pixels.
-    pub fn unrelated(&self) -> f64 {
-        let mean = self.random as f64 / f64::from(STEPS) / self.claims.len().max(1) as f64;
-        if mean > 0.0 { mean } else { 1.0 }
+        Self { cols, claims: places.filter(|(_, _, claim)| claim.is_finite()).collect() }
     }
 
     /// The numbers of claims, without verdicts, and of those that lie outside the right image.
@@ -101,17 +88,27 @@ impl<'a> Sample<'a> {
         Counts { verdicts: [0, self.claims.len() as u64, 0, 0], outside }
     }
 
+    /// The sum of the costs of as many pixels with others of their row, in the unit of [`cost_at`].
+    fn random(&self, costs: &Costs) -> i64 {
+        // A fixed stride pairs pixels as well as chance does.
+        let pair = |(index, (y, x, _)): (usize, &(usize, usize, f32))| -> i64 {
+            let other = (x + self.cols / 3 + index * 61 % self.cols.div_ceil(3)) % self.cols;
+            i64::from(costs.between(*y, *x, other).unwrap_or_default()) * i64::from(STEPS)
+        };
+        self.claims.iter().enumerate().map(pair).sum()
+    }
+
     /// By what share the costs at some disparities are below those of pixels paired at random. Pixels whose
     /// match would lie outside the right image cost as much as these.
-    fn advantage(&self, read: impl Fn(f32) -> f32) -> f64 {
+    fn advantage(&self, costs: &Costs, random: i64, read: impl Fn(f32) -> f32) -> f64 {
         let found: Vec<_> = self
             .claims
             .iter()
-            .filter_map(|(y, x, claim)| cost_at(self.costs, self.cols, (*y, *x), read(*claim)))
+            .filter_map(|(y, x, claim)| cost_at(costs, self.cols, (*y, *x), read(*claim)))
             .collect();
 
         let count = self.claims.len().max(1) as f64;
-        let mean = self.random as f64 / count;
+        let mean = random as f64 / count;
         let lower =
             found.len() as f64 * mean - found.iter().copied().map(i64::from).sum::<i64>() as f64;
         if mean > 0.0 { lower / (count * mean) } else { 0.0 }

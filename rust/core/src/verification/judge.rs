@@ -23,14 +23,18 @@
 )]
 mod weights;
 
+use std::iter::zip;
+
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Result;
-use phasestereo_match::base::math::exp;
+use phasestereo_match::base::math::exp_single;
 use phasestereo_match::base::plane::Plane;
-use phasestereo_match::matcher::Disparity;
+use phasestereo_match::base::simd::{Level, Loop};
 use phasestereo_match::refinement::{calibration, flag};
 
-use crate::verification::traits::{AGREES, TRAITS, Traits, Values};
+use crate::verification::traits::{
+    AGREES, AroundRow, LEAST, LOCAL, Stretch, TRAITS, Traits, WIDTH, odds,
+};
 
 /// Points of the line of a trait.
 pub const KNOTS: usize = 6;
@@ -66,85 +70,169 @@ struct Odds {
 struct Learned {
     odds: Odds,
     /// The points of the logarithm of the bar, pixels.
-    bars: [f64; calibration::KNOTS],
+    bars: [f32; calibration::KNOTS],
 }
 
-/// How likely a claim is right; NaN without one.
+/// How likely a claim is right.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Chance {
-    /// The logarithm of the odds.
-    pub odds: f32,
-    /// The same that the claim is right rather than the own disparity; 0 where they agree.
+    /// The probability; 0 without a claim.
+    pub confidence: f32,
+    /// The logarithm of the odds that the claim is right rather than the own disparity; 0 where they agree, or
+    /// either is missing.
     pub ahead: f32,
-    /// Its error bar, pixels.
+    /// The error bar of the claim, pixels; NaN without one.
     pub bar: f32,
 }
 
 impl Default for Chance {
     fn default() -> Self {
-        Self { odds: f32::NAN, ahead: 0.0, bar: f32::NAN }
+        Self { confidence: 0.0, ahead: 0.0, bar: f32::NAN }
     }
 }
 
 /// How likely all claims are right, on the threads of the current pool.
-pub fn chances(traits: &Traits, own: &Disparity, control: &Control) -> Result<Plane<Chance>> {
+pub fn chances(traits: &Traits, level: Level, control: &Control) -> Result<Plane<Chance>> {
+    let weights = &weights::WEIGHTS;
+    let cases = weights.cases.each_ref().map(|learned| {
+        (Sum::new(&learned.odds, &weights.places, &traits.pair), Line::of_bars(&learned.bars))
+    });
+    let ahead = Sum::new(&weights.ahead, &weights.places, &traits.pair);
     Plane::by_rows(traits.size(), control, |y, row: &mut [Chance]| {
-        let flags = own.flags.row(y);
-        traits.of_row(y, |x, values| row[x] = weights::WEIGHTS.chance(&values, flags[x]));
+        let around = traits.around(y);
+        level.run(JudgeRow { traits, around, cases: &cases, ahead: &ahead, y, row });
     })
 }
 
-/// The error bar, pixels, of a disparity with these odds and flags where the match and the claim differ.
-pub fn bar(odds: f32, flags: u16) -> f32 {
-    weights::WEIGHTS.cases[case(f32::INFINITY, flags)].bar(odds)
+/// The error bar, pixels, of a disparity with this confidence and these flags where the match and the claim
+/// differ.
+pub fn bar(confidence: f32, flags: u16) -> f32 {
+    let case = if flags & UNSEEN != 0 { 2 } else { 1 };
+    exp_single(Line::of_bars(&weights::WEIGHTS.cases[case].bars).at(odds(confidence)))
 }
 
-/// The probability with these logarithms of the odds; 0 where these are NaN.
-pub fn probability(odds: f32) -> f32 {
-    if odds.is_nan() { 0.0 } else { (1.0 / (1.0 + exp(-f64::from(odds)))) as f32 }
+/// A confidence that is neither 0 nor 1.
+pub fn kept(confidence: f32) -> f32 {
+    confidence.clamp(LEAST, 1.0 - LEAST)
 }
 
-/// The case of a pixel: 0 if claim and own disparity agree, 2 if the right image does not see it, else 1.
-pub fn case(gap: f32, flags: u16) -> usize {
-    if flags & UNSEEN != 0 { 2 } else { usize::from(gap > AGREES) }
+/// A line through points, level beyond them: a height, and by how much it bends at each point but the last.
+#[derive(Debug)]
+struct Line<const BENDS: usize> {
+    height: f32,
+    bends: [(f32, f32); BENDS],
+    last: f32,
 }
 
-impl Weights {
-    /// The chance of a pixel with these traits and flags.
-    fn chance(&self, values: &Values, flags: u16) -> Chance {
-        let learned = &self.cases[case(values[0], flags)];
-        let odds = learned.odds.of(values, &self.places);
-        let ahead = if values[0] > AGREES { self.ahead.of(values, &self.places) } else { 0.0 };
-        Chance { odds, ahead, bar: learned.bar(odds) }
+impl<const BENDS: usize> Line<BENDS> {
+    /// The line through some points, whose places ascend.
+    fn through(places: impl Fn(usize) -> f32, heights: &[f32]) -> Self {
+        let mut before = 0.0;
+        let bends = std::array::from_fn(|knot| {
+            let width = places(knot + 1) - places(knot);
+            let slope = if width > 0.0 { (heights[knot + 1] - heights[knot]) / width } else { 0.0 };
+            let bend = slope - before;
+            before = slope;
+            (places(knot), bend)
+        });
+        Self { height: heights[0], bends, last: places(BENDS) }
+    }
+
+    #[inline(always)]
+    fn at(&self, value: f32) -> f32 {
+        let value = if value < self.last { value } else { self.last };
+        self.bends.iter().fold(self.height, |sum, (place, bend)| {
+            let beyond = value - place;
+            sum + bend * if beyond > 0.0 { beyond } else { 0.0 }
+        })
     }
 }
 
-impl Odds {
-    /// Those of a pixel with these traits.
-    fn of(&self, values: &Values, places: &Lines) -> f32 {
-        let mut odds = self.offset;
-        for (index, value) in values.iter().enumerate() {
-            let (left, part) = place(&places[index], *value);
-            let heights = &self.lines[index];
-            odds += heights[left] + part * (heights[left + 1] - heights[left]);
+impl Line<{ calibration::KNOTS - 1 }> {
+    /// The line of the bars of a case, by odds.
+    fn of_bars(bars: &[f32; calibration::KNOTS]) -> Self {
+        Self::through(|knot| calibration::FIRST_KNOT as f32 + knot as f32, bars)
+    }
+}
+
+/// The odds of the pixels of one pair: what its traits add to them, and the lines of the local ones.
+struct Sum {
+    offset: f32,
+    lines: [Line<{ KNOTS - 1 }>; LOCAL],
+}
+
+impl Sum {
+    fn new(odds: &Odds, places: &Lines, pair: &[f32]) -> Self {
+        let line = |which: usize| Line::through(|knot| places[which][knot], &odds.lines[which]);
+        let of_pair = zip(LOCAL.., pair).map(|(which, value)| line(which).at(*value));
+        Self { offset: odds.offset + of_pair.sum::<f32>(), lines: std::array::from_fn(line) }
+    }
+
+    #[inline(always)]
+    fn of(&self, traits: &Stretch) -> [f32; WIDTH] {
+        let mut odds = [self.offset; WIDTH];
+        for (line, values) in zip(&self.lines, traits) {
+            zip(&mut odds, values).for_each(|(sum, value)| *sum += line.at(*value));
         }
         odds
     }
 }
 
-impl Learned {
-    /// The bar of a claim with these odds.
-    fn bar(&self, odds: f32) -> f32 {
-        exp(calibration::at(&self.bars, f64::from(odds))) as f32
+/// Judges the claims of a row, a stretch at a time, by the cases that are in it.
+struct JudgeRow<'a> {
+    traits: &'a Traits<'a>,
+    around: AroundRow,
+    cases: &'a [(Sum, Line<{ calibration::KNOTS - 1 }>); CASES],
+    ahead: &'a Sum,
+    y: usize,
+    row: &'a mut [Chance],
+}
+
+impl Loop for JudgeRow<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self { traits, around, cases, ahead, y, row } = self;
+        let (claims, own, flags) = traits.row(y);
+        let stretches = zip(row.chunks_mut(WIDTH), zip(claims.chunks(WIDTH), flags.chunks(WIDTH)));
+        for (first, (out, (claims, flags))) in zip((0..).step_by(WIDTH), stretches) {
+            let values = traits.stretch((y, first), &around);
+            let gaps = &values[0];
+            let mut of_pixel = [0; WIDTH];
+            for (case, (gap, flags)) in zip(&mut of_pixel, zip(gaps, flags)) {
+                *case = if flags & UNSEEN != 0 { 2 } else { u32::from(*gap > AGREES) };
+            }
+
+            for (case, (odds, bars)) in (0..).zip(cases) {
+                if !of_pixel[..out.len()].contains(&case) {
+                    continue;
+                }
+                let found =
+                    odds.of(&values).map(|odds| (probability(odds), exp_single(bars.at(odds))));
+                for ((out, found), (of, claim)) in zip(zip(&mut *out, found), zip(of_pixel, claims))
+                {
+                    if of == case && claim.is_finite() {
+                        *out = Chance { confidence: found.0, ahead: 0.0, bar: found.1 };
+                    }
+                }
+            }
+            if gaps[..out.len()].iter().any(|gap| *gap > AGREES) {
+                let differs = zip(claims, &own[first..]).map(|(claim, own)| (own - claim).abs());
+                for (out, (gap, ahead)) in zip(&mut *out, zip(differs, ahead.of(&values))) {
+                    if gap.is_finite() && gap > AGREES {
+                        out.ahead = ahead;
+                    }
+                }
+            }
+        }
     }
 }
 
-/// The point left of a value, and the part of the way to the next one; values beyond the ends count as these.
-fn place(points: &[f32; KNOTS], value: f32) -> (usize, f32) {
-    let left = points[1..KNOTS - 1].iter().filter(|point| value >= **point).count();
-    let width = points[left + 1] - points[left];
-    let part = if width > 0.0 { (value - points[left]) / width } else { 0.0 };
-    (left, part.clamp(0.0, 1.0))
+/// The probability with these logarithms of the odds.
+#[inline(always)]
+fn probability(odds: f32) -> f32 {
+    1.0 / (1.0 + exp_single(-odds))
 }
 
 #[cfg(test)]
@@ -153,9 +241,11 @@ mod tests {
 
     #[test]
     fn lines_go_through_their_points_and_end_with_them() {
-        let points = [0.0, 1.0, 3.0, 3.0, 4.0, 8.0];
-        assert_eq!([-1.0, 0.5, 2.0].map(|at| place(&points, at)), [(0, 0.0), (0, 0.5), (1, 0.5)]);
-        assert_eq!([3.0, 6.0, 9.0].map(|at| place(&points, at)), [(3, 0.0), (4, 0.5), (4, 1.0)]);
+        let (places, heights) = ([0.0, 1.0, 3.0, 3.0, 4.0, 8.0], [2.0, 1.0, 5.0, 5.0, 5.0, 3.0]);
+        let line = Line::<5>::through(|knot| places[knot], &heights);
+        let found = [-1.0, 0.0, 0.5, 2.0, 3.0, 4.0, 6.0, 8.0, 9.0].map(|at| line.at(at));
+        let expected = [2.0, 2.0, 1.5, 3.0, 5.0, 5.0, 4.0, 3.0, 3.0_f32];
+        assert_eq!(found.map(f32::to_bits), expected.map(f32::to_bits));
     }
 
     #[test]

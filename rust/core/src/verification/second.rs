@@ -17,10 +17,15 @@ use crate::verification::claims::Claims;
 use crate::verification::findings::{failed, of_second};
 use crate::verification::fuse::fuse;
 use crate::verification::hypotheses::{Misreading, Sample};
-use crate::verification::{any_costs, evidence, judge, traits};
+use crate::verification::traits::Traits;
+use crate::verification::{any_costs, judge};
 use phasestereo_match::base::error::{Error, Result};
 use phasestereo_match::base::plane::Plane;
 use phasestereo_match::matcher::runtime::Runtime;
+
+/// Share of the claims that agree with the own disparities from which on their numbers mean disparities, pixels:
+/// those of another sign or scale agree by chance.
+const READ_RIGHT: f32 = 0.25;
 
 /// Where the second map of a match comes from.
 #[derive(Debug)]
@@ -48,27 +53,31 @@ pub fn fused(
         Err(finding) => return Ok((matched, vec![finding])),
     };
 
-    let costs = any_costs(&matched.prepared.pair, &matched.prepared.settings, runtime)?;
-    let sample = Sample::new(&claims, &costs);
-    let misreading = Misreading::of(&sample);
+    let pair = &matched.prepared.pair;
+    let traits = Traits::new(&claims, matched.own(), pair, execution.level, control)?;
+    let sample = Sample::new(&claims);
+    let misreading = if traits.agreement() < READ_RIGHT {
+        let costs = any_costs(pair, &matched.prepared.settings, runtime)?;
+        Misreading::of(&sample, &costs)
+    } else {
+        None
+    };
     let said = of_second(sample.counts(), misreading);
-    drop(sample);
     if misreading.is_some() {
-        drop(costs);
         return Ok((matched, said));
     }
 
-    let evidence = evidence(&claims, &matched, &costs, runtime)?;
-    let traits = traits(&claims, &matched, &evidence, &costs, runtime)?;
-    let chances = judge::chances(&traits, matched.own(), control)?;
+    let chances = judge::chances(&traits, execution.level, control)?;
     let wrong = matched.summary().wrong;
-    let mut map = fuse(matched.own(), &claims, &chances, wrong, execution.level, control)?;
-    draw_planes(&mut map, &matched.prepared, runtime)?;
-    drop(costs);
+    let Matched { map, prepared, rectified, .. } = matched;
+    let (own, raw) = match rectified {
+        Some(rectified) => (rectified.map, Some((rectified.raw, rectified.even_rows))),
+        None => (map, None),
+    };
+    let mut map = fuse(own, &claims, &chances, wrong, execution.level, control)?;
+    draw_planes(&mut map, &prepared, runtime)?;
 
-    let Matched { prepared, rectified, .. } = matched;
     let map = map.returned(&prepared.settings);
-    let raw = rectified.map(|rectified| (rectified.raw, rectified.even_rows));
     Ok((Matched::new(raw, map, prepared, control)?, said))
 }
 

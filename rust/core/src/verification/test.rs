@@ -26,7 +26,7 @@
 //! that is right there contradicts the match. With -0.7 fewer of them are refuted, and 1 to 2 points less of
 //! what is wrong.
 
-use crate::verification::evidence::{ClaimEvidence, DIFFERENT};
+use crate::verification::evidence::DIFFERENT;
 use crate::verification::hypotheses::right_column;
 use crate::verification::judge::UNSEEN;
 use crate::verification::{Counts, verdict};
@@ -70,8 +70,8 @@ pub struct Test<'a> {
     pub map: &'a Plane<f32>,
     /// The own match, with confidences.
     pub own: &'a Disparity,
-    /// What the costs say.
-    pub evidence: &'a ClaimEvidence,
+    /// The evidence against the claims, of the costs.
+    pub against: &'a Plane<f32>,
 }
 
 impl Test<'_> {
@@ -141,7 +141,7 @@ impl Test<'_> {
 
         BY * beyond.clamp(-0.2, 2.0)
             + SOON * beyond.clamp(-0.2, 0.5)
-            + EVIDENCE * f64::from(self.evidence.against.row(y)[x]).clamp(-20.0, 60.0)
+            + EVIDENCE * f64::from(self.against.row(y)[x]).clamp(-20.0, 60.0)
             + JUMP * f64::from(around.range).min(3.0)
             + NOWHERE * f64::from(around.nearest).min(1.5)
     }
