@@ -38,7 +38,7 @@ _PIXELS = 1000.0  # weight of a map
 _TRUTH = 0.25
 # Weights of the squares of bends, of steps and of the heights themselves: not swept. Points at
 # one place have no step between them.
-_BEND, _STEP, _HEIGHT, _SAME = 3.0, 0.1, 0.02, 300.0
+_BEND, _STEP, _HEIGHT, _SAME = 3.0, 0.1, 0.02, 3e6
 _LEAST_ERROR = 0.03  # px
 
 

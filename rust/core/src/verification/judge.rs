@@ -249,9 +249,15 @@ mod tests {
     }
 
     #[test]
-    fn places_of_weights_ascend() {
-        for points in &weights::WEIGHTS.places {
+    fn places_of_weights_ascend_and_heights_at_one_place_are_the_same() {
+        let weights = &weights::WEIGHTS;
+        let all = weights.cases.iter().map(|learned| &learned.odds).chain([&weights.ahead]);
+        for (points, heights) in all.flat_map(|odds| zip(&weights.places, &odds.lines)) {
             assert!(points.is_sorted(), "{points:?}");
+            for (points, heights) in zip(points.windows(2), heights.windows(2)) {
+                let step = (heights[0] - heights[1]).abs();
+                assert!(points[0] < points[1] || step < 0.002, "{heights:?}");
+            }
         }
     }
 }
