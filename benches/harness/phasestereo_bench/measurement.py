@@ -53,9 +53,11 @@ def measured(call: Callable[[], Answer]) -> Measured[Answer]:
 def _restart_peak() -> int | None:
     """Let the peak begin anew and return it, bytes; None where the system cannot.
 
-    What was freed but kept for later would be filled without a rise, so it goes back first.
+    What was freed but kept for later would be filled without a rise, so it goes back first. What
+    is alive is not looked at again by later collections, which takes longer than a small match.
     """
     gc.collect()
+    gc.freeze()
     with suppress(OSError, AttributeError, TypeError):  # another system, or another C library
         ctypes.CDLL(None).malloc_trim(0)
 
