@@ -60,7 +60,7 @@ const CODED: isize = 8;
 /// By what factor steps between neighboring columns are larger at the borders of such blocks. Of 20 pairs,
 /// 0.87 to 1.04; under JPEG of quality 60 1.07 to 1.71, of quality 30 1.28 to 2.47.
 const BLOCKY: f64 = 1.06;
-/// Frames that look at all rows of a video in turns, where it is known what changes, and where not: two take
+/// Frames that look at all rows of a video in turns: if it is known which squares change, and if not. Two take
 /// 6 % of the time of a steady frame of 741 x 497 by `fast`, and find some things one frame late.
 const TURNS: [usize; 2] = [8, 2];
 /// Rows of squares that are looked at together.
@@ -329,7 +329,7 @@ pub fn left_out(
     Ok(beyond(places, candidates))
 }
 
-/// Where it is looked for what has entered a video.
+/// Where to look for what has entered a video.
 #[derive(Debug, Clone, Copy)]
 pub struct Asked<'a> {
     /// The number of the frame: some rows of squares are looked at in turns, ...

@@ -12,14 +12,14 @@ pub enum Keep {
     /// Those that are probably within 1 px of the true disparity: with a confidence of at least 0.5. Of a map
     /// without confidences those without a flag, and none where most are wrong.
     Trusted,
-    /// Trusted ones without a flag: fewer, and more of them are right. None is filled in.
+    /// Trusted ones without a flag: fewer, more of them are right, and none is filled in.
     Checked,
     /// Every estimate.
     All,
 }
 
 impl Keep {
-    /// All of them.
+    /// Every choice.
     pub const ALL: [Self; 3] = [Self::Trusted, Self::Checked, Self::All];
 
     /// The choice of this name.

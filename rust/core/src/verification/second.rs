@@ -23,8 +23,8 @@ use phasestereo_match::base::error::{Error, Result};
 use phasestereo_match::base::plane::Plane;
 use phasestereo_match::matcher::runtime::Runtime;
 
-/// Share of the claims that agree with the own disparities from which on their numbers mean disparities, pixels:
-/// those of another sign or scale agree by chance.
+/// Share of the claims that agree with the own disparities from which on these are disparities in pixels: claims
+/// of another sign or scale agree by chance. Not swept.
 const READ_RIGHT: f32 = 0.25;
 
 /// Where the second map of a match comes from.

@@ -154,7 +154,7 @@ impl<'a> Traits<'a> {
         self.pair[1]
     }
 
-    /// Writes all traits of the pixels of a row, NaN where there is no claim.
+    /// Writes all traits of the pixels of a row, NaN for pixels without a claim.
     pub fn write_row(&self, y: usize, row: &mut [Values]) {
         let around = self.around(y);
         for (first, pixels) in (0..).step_by(WIDTH).zip(row.chunks_mut(WIDTH)) {
@@ -175,8 +175,7 @@ impl<'a> Traits<'a> {
         (self.map.row(y), self.own.disparity.row(y), self.own.flags.row(y))
     }
 
-    /// The local traits of the pixels of a row from column `first` on; what they are of pixels without a
-    /// claim means nothing.
+    /// The local traits of the pixels of a row from column `first` on; undefined for pixels without a claim.
     #[inline(always)]
     pub fn stretch(&self, (y, first): (usize, usize), around: &AroundRow) -> Stretch {
         let mut traits = [[0.0; WIDTH]; LOCAL];

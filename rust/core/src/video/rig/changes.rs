@@ -6,7 +6,7 @@
 //! changed = change > LEAST_CHANGE + CHANGE_MEDIANS median change
 //! ```
 //!
-//! While the cameras move, or the light changes, the median is large, and no place is told from the others.
+//! While the cameras move, or the light changes, the median is large: then squares say nothing.
 
 use crate::estimation::areas::BLOCK;
 use crate::estimation::overview::fine_factor;
