@@ -138,8 +138,11 @@ impl Pair {
         control: &Control,
     ) -> Result<Self> {
         let impulses = compensation.as_ref().map_or([0.0; 2], BlurCompensation::impulses);
-        let repaired = self.repaired(impulses, level, control)?.into_owned();
-        Ok(Self { compensation, ..repaired })
+        let repaired = match self.repaired(impulses, level, control)? {
+            Cow::Owned(repaired) => Some(repaired),
+            Cow::Borrowed(_) => None,
+        };
+        Ok(Self { compensation, ..repaired.unwrap_or(self) })
     }
 
     /// The pair without impulses that stand out by at least so much in the left and in the right image; 0:
@@ -180,13 +183,13 @@ impl Pair {
 
     /// The pair with the right image resampled so that its rows correspond to those of the left one.
     pub fn straightened(
-        &self,
+        self,
         alignment: &Alignment,
         level: Level,
         control: &Control,
     ) -> Result<Self> {
         let right = straightened(&self.right, alignment, level, control)?;
-        Ok(Self { right, ..self.clone() })
+        Ok(Self { right, ..self })
     }
 
     /// The pair with other views of the same size.

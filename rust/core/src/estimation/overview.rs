@@ -182,8 +182,12 @@ impl Overview {
                 let gray = &part.grays[side].plane;
                 reduced(gray, factor, runtime.execution.level, runtime.control)
             })?;
-            for (side, reduced) in [&mut left, &mut right].into_iter().zip(&both) {
-                side.extend_from_slice(&reduced.as_slice()[places.clone()]);
+            for (side, reduced) in [&mut left, &mut right].into_iter().zip(both) {
+                if visited.len() == height {
+                    *side = reduced.of_rows(skipped..skipped + height).into_vec();
+                } else {
+                    side.extend_from_slice(&reduced.as_slice()[places.clone()]);
+                }
             }
 
             let view = part.pair.views()[0];

@@ -59,12 +59,12 @@ pub fn removed(pair: &Pair) -> Result<Option<(Pair, f64)>> {
     }
 
     let grays = pair.views().map(short);
-    let lead_here = lead(grays.each_ref(), (rows * cols / ENOUGH).max(1));
+    let lead_here = lead(grays, (rows * cols / ENOUGH).max(1));
     if lead_here <= LEAST_LEAD {
         return Ok(None);
     }
-    let copies = grays.each_ref().map(quarter);
-    if lead(copies.each_ref(), 1) >= QUARTER * lead_here {
+    let copies = grays.map(quarter);
+    if lead(copies.each_ref().map(|copy| (copy, 0)), 1) >= QUARTER * lead_here {
         return Ok(None);
     }
 
@@ -88,23 +88,27 @@ pub fn removed(pair: &Pair) -> Result<Option<(Pair, f64)>> {
     Ok(Some((pair.with_views(clean.views().map(View::clone)), strength * unit)))
 }
 
-/// Gray values of at most 15 bits, so that sums over windows of them fit.
-fn short(view: &View) -> Plane<i32> {
-    let surplus = (u32::BITS - view.scale().reach().leading_zeros()).saturating_sub(MOST_BITS);
-    view.gray().map(|gray| gray >> surplus)
+/// Gray values, and how many of their lowest bits are left out, so that sums over windows fit.
+type Short<'a> = (&'a Plane<i32>, u32);
+
+/// Gray values of at most 15 bits.
+fn short(view: &View) -> Short<'_> {
+    let bits = u32::BITS - view.scale().reach().leading_zeros();
+    (view.gray(), bits.saturating_sub(MOST_BITS))
 }
 
 /// The sums of squares.
-fn quarter(gray: &Plane<i32>) -> Plane<i32> {
+fn quarter((gray, surplus): Short) -> Plane<i32> {
     Plane::from_fn(gray.rows() / COPY, gray.cols() / COPY, |y, x| {
-        let row = |y: usize| gray.row(y)[COPY * x..COPY * (x + 1)].iter().sum::<i32>();
+        let square = |y: usize| &gray.row(y)[COPY * x..COPY * (x + 1)];
+        let row = |y: usize| square(y).iter().map(|gray| gray >> surplus).sum::<i32>();
         (COPY * y..COPY * (y + 1)).map(row).sum()
     })
 }
 
 /// By how much signs agree better at the same place than beside it, of one row in `every`.
-fn lead(grays: [&Plane<i32>; 2], every: usize) -> f64 {
-    let (rows, cols) = (grays[0].rows(), grays[0].cols());
+fn lead(grays: [Short; 2], every: usize) -> f64 {
+    let (rows, cols) = (grays[0].0.rows(), grays[0].0.cols());
     let sampled: Vec<usize> = (2..rows.saturating_sub(2)).step_by(every).collect();
     let agreeing = |y: &usize| {
         let [left, right] = grays.map(|gray| signs(gray, *y));
@@ -125,17 +129,18 @@ fn lead(grays: [&Plane<i32>; 2], every: usize) -> f64 {
 }
 
 /// The signs of the fine detail of a row with two above and below it.
-fn signs(gray: &Plane<i32>, y: usize) -> Vec<i32> {
+fn signs((gray, surplus): Short, y: usize) -> Vec<i32> {
     let cols = gray.cols();
     let mut sums = vec![0; cols];
     for (row, weight) in (y - 2..=y + 2).zip(WEIGHTS) {
-        sums.iter_mut().zip(gray.row(row)).for_each(|(sum, gray)| *sum += weight * gray);
+        let grays = sums.iter_mut().zip(gray.row(row));
+        grays.for_each(|(sum, gray)| *sum += weight * (gray >> surplus));
     }
     let mut signs = vec![0; cols];
     let inner = signs[2..].iter_mut().zip(&gray.row(y)[2..]).zip(sums.windows(WEIGHTS.len()));
     for ((sign, gray), sums) in inner {
         let smooth: i32 = sums.iter().zip(WEIGHTS).map(|(sum, weight)| sum * weight).sum();
-        *sign = (WHOLE * gray - smooth).signum();
+        *sign = (WHOLE * (gray >> surplus) - smooth).signum();
     }
     signs
 }
@@ -217,7 +222,7 @@ mod tests {
             let (after, found) = removed(&before).expect("memory").expect("a pattern");
             assert!((found / strength - 1.0).abs() < 0.35, "{found} of {strength}");
 
-            let lead_of = |pair: &Pair| lead(pair.views().map(short).each_ref(), 1);
+            let lead_of = |pair: &Pair| lead(pair.views().map(short), 1);
             assert!(lead_of(&after) < 0.3 * lead_of(&before), "{}", lead_of(&after));
             assert_eq!(after.candidates(), before.candidates());
         }

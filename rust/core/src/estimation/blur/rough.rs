@@ -75,8 +75,11 @@ pub fn reduced(
     level: Level,
     control: &Control,
 ) -> Result<Plane<f32>> {
-    let size = (plane.rows() / factor, plane.cols() / factor);
+    if factor == 1 {
+        return Ok(plane.clone());
+    }
 
+    let size = (plane.rows() / factor, plane.cols() / factor);
     Plane::by_rows(size, control, |y, out: &mut [f32]| {
         level.run(ReduceRow { plane, factor, y, out });
     })
