@@ -20,9 +20,7 @@ import phasestereo_live as live
 from phasestereo import opencv
 from phasestereo.io import read_calibration, read_disparity, read_image, write_disparity
 from phasestereo.views.page import write_pair_page
-from phasestereo_large import batch, outofcore
-from phasestereo_large import dask as dask_maps
-from phasestereo_large import xarray as labeled
+from phasestereo_large import batch, dask as dask_maps, outofcore, xarray as labeled
 from phasestereo_large.geotiff import (
     GeoImage,
     Georeference,

@@ -74,12 +74,14 @@ __all__ = [
 __version__ = _core.__version__
 
 if TYPE_CHECKING:
-    from phasestereo import io as io
-    from phasestereo import matchers as matchers
-    from phasestereo import metrics as metrics
-    from phasestereo import opencv as opencv
-    from phasestereo import rectification as rectification
-    from phasestereo import views as views
+    from phasestereo import (
+        io as io,
+        matchers as matchers,
+        metrics as metrics,
+        opencv as opencv,
+        rectification as rectification,
+        views as views,
+    )
     from phasestereo.preparation import Prepared, Restoration, prepare
     from phasestereo.rectification import Rectification, rectify
     from phasestereo.rig.diagnosis import Diagnosis, check

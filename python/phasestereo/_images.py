@@ -66,8 +66,7 @@ def as_pixels(image: ArrayLike, name: str) -> Pixels:
 
     # Alpha is left out. The core takes contiguous pixels in the byte order of the machine.
     colors = pixels[:, :, :3]
-    native: Pixels = np.require(colors, colors.dtype.newbyteorder("="), ["C", "ALIGNED"])
-    return native
+    return np.require(colors, colors.dtype.newbyteorder("="), ["C", "ALIGNED"])
 
 
 def as_views(left: ArrayLike, right: ArrayLike) -> tuple[Pixels, Pixels]:

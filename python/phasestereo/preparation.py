@@ -20,8 +20,6 @@ from phasestereo.rig.findings import Finding, warn
 from phasestereo.settings import PRESETS, PresetName, Settings, SettingsOverrides, resolve
 from phasestereo.verification import Verification, judge
 
-__all__ = ["Prepared", "Restoration", "Unit", "prepare"]
-
 Unit: TypeAlias = Literal["pixels", "sixteenths"]
 """What 1 stands for in a map: a pixel, or what OpenCV's matchers return, 1/16 of one."""
 

@@ -17,8 +17,6 @@ from phasestereo.result import Result
 from phasestereo.rig.findings import Finding
 from phasestereo.settings import PRESETS
 
-__all__ = ["Verdict", "Verification", "verify"]
-
 _DIMMED = 0.5  # of the gray values where there is no verdict
 _WEIGHT = 0.55  # of the color of a verdict
 # Blue and orange are distinct to all who see colors, and their brightness differs.

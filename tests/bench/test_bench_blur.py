@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 
 from phasestereo import io
-from phasestereo_bench import blur as bench
-from phasestereo_bench import read_store, run_jobs
+from phasestereo_bench import blur as bench, read_store, run_jobs
 from phasestereo_bench.datasets import Scene, find_scenes
 from phasestereo_bench.degradation import Degradation, disk_psf, gaussian_psf, motion_psf
 from phasestereo_bench.tables import table_texts

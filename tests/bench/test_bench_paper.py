@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from phasestereo.settings import PRESETS
-from phasestereo_bench.paper import judge_claims, load_pairs, run_study
-from phasestereo_bench.paper import study as studies
+from phasestereo_bench.paper import judge_claims, load_pairs, run_study, study as studies
 from phasestereo_bench.paper.claims import CLAIMS, SETUPS, ClaimCase, ClaimVerdict, cases, lines
 from phasestereo_bench.paper.experiments import (
     AREAS,

@@ -17,8 +17,7 @@ import pytest
 
 from phasestereo import _core, io
 from phasestereo.settings import PRESETS
-from phasestereo_bench import read_store, run_jobs
-from phasestereo_bench import speed as bench
+from phasestereo_bench import read_store, run_jobs, speed as bench
 from phasestereo_bench.environment import usable_cpus
 from phasestereo_bench.speed import GrayPair, contenders, memory, records, results, rounds
 from phasestereo_bench.speed.affinity import pinned

@@ -17,9 +17,12 @@ from phasestereo.settings import PresetName
 from phasestereo_bench.degradation import Degradation, disk_psf
 from phasestereo_bench.rendering import render_pair
 from support.browser import Browser
-from support.matcher_page import MatcherPage, Pair
-from support.matcher_page import address as address  # noqa: PLC0414 - a fixture
-from support.matcher_page import page as page  # noqa: PLC0414 - a fixture
+from support.matcher_page import (
+    MatcherPage,
+    Pair,
+    address as address,  # noqa: PLC0414 - a fixture
+    page as page,  # noqa: PLC0414 - a fixture
+)
 
 # Has the worker report the memory of the core, whenever it is asked.
 _TELLING = """

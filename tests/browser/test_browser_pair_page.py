@@ -16,8 +16,7 @@ import phasestereo as ps
 from phasestereo.io import Calibration
 from phasestereo.result import KEEPS
 from phasestereo.views.depths import ranging
-from phasestereo.views.page import page as page_module
-from phasestereo.views.page import write_pair_page
+from phasestereo.views.page import page as page_module, write_pair_page
 from phasestereo.views.page.scene import scene_points
 from phasestereo.views.picture import NEUTRAL, UNSCORED, colorize
 from support import counterpart

@@ -33,11 +33,11 @@ from support.c_programs import (
     Pair,
     Program,
     _compiled,
+    library as library,  # noqa: PLC0414 - a fixture
     needed,
+    program as program,  # noqa: PLC0414 - a fixture
     run,
 )
-from support.c_programs import library as library  # noqa: PLC0414 - a fixture
-from support.c_programs import program as program  # noqa: PLC0414 - a fixture
 from support.rigs import SIZE, cv2, made_up, turned
 from support.saved_rigs import with_raw_cameras
 

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
-from hypothesis import strategies as st
+from hypothesis import assume, given, settings, strategies as st
 from test_descriptor import decoded
 from test_refinement import two_surfaces
 
@@ -18,8 +17,7 @@ import phasestereo as ps
 from phasestereo.metrics import bad_pixels
 from phasestereo.settings import PresetName
 from phasestereo_bench.datasets import find_scene
-from support import oracle
-from support import oracle_refinement as refinement
+from support import oracle, oracle_refinement as refinement
 from support.pairs import noise_pair
 
 if TYPE_CHECKING:

@@ -8,13 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from test_descriptor import decoded, decoded_parts
 
 import phasestereo as ps
-from support import oracle
-from support import oracle_refinement as refinement
+from support import oracle, oracle_refinement as refinement
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -11,8 +11,7 @@ import pytest
 import phasestereo as ps
 from phasestereo.rig.compensation import BlurCompensation
 from phasestereo_bench.degradation import convolve, disk_psf
-from support import oracle
-from support import oracle_synthesis as synthesis
+from support import oracle, oracle_synthesis as synthesis
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -14,8 +14,7 @@ import phasestereo_live as live
 from phasestereo._extras import require
 from phasestereo.io import read_image
 from phasestereo.views.picture import colorize
-from phasestereo_large import dask as lazily
-from phasestereo_large import xarray as labeled
+from phasestereo_large import dask as lazily, xarray as labeled
 from phasestereo_large.geotiff import Georeference, read_geotiff, write_geotiff
 from phasestereo_live import rerun
 from support import ENVIRONMENT, counterpart

@@ -27,8 +27,14 @@ import pytest
 import phasestereo as ps
 from phasestereo.io import read_disparity, read_image, write_image
 from phasestereo.result import LAYERS
-from phasestereo_large.batch import PairFiles, Record, read_manifest, read_pairs, run
-from phasestereo_large.batch import running as running_module
+from phasestereo_large.batch import (
+    PairFiles,
+    Record,
+    read_manifest,
+    read_pairs,
+    run,
+    running as running_module,
+)
 from phasestereo_large.batch.cluster import share
 from phasestereo_large.batch.manifest import Manifest
 from phasestereo_large.batch.work import FullDiskError, Order, match_files

@@ -44,8 +44,7 @@ from phasestereo.io import (
     write_image,
 )
 from phasestereo.io.tiff import is_geotiff
-from phasestereo.rectification.record import Rectification
-from phasestereo.rectification.record import read_calibration as read_rig
+from phasestereo.rectification.record import Rectification, read_calibration as read_rig
 from phasestereo_large import geotiff
 from phasestereo_large.bands import load
 from phasestereo_large.batch import Record, read_manifest, read_pairs

@@ -81,5 +81,4 @@ def weigh(case: Case, spec: str) -> dict[str, Any]:
 
 def _memory(case: Case, spec: str) -> int | None:
     """Weigh in a fresh process: some libraries keep what an earlier match took."""
-    weight: int | None = perform_alone(weigh, {"case": case, "spec": spec}).get("weight")
-    return weight
+    return perform_alone(weigh, {"case": case, "spec": spec}).get("weight")

@@ -20,14 +20,10 @@ from pathlib import Path, PurePosixPath
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from phasestereo.io import Calibration, read_calibration, read_disparity, read_image, read_truth
 from phasestereo.io.files import decoding
-
-Image = npt.NDArray[np.uint8]
-Truth = npt.NDArray[np.float32]
-Mask = npt.NDArray[np.bool_]
+from phasestereo_bench.arrays import Image, Map, Mask
 
 __all__ = ["LAYOUTS", "Layout", "MaskFile", "Pair", "Scene", "find_scene", "find_scenes"]
 
@@ -64,8 +60,8 @@ class Pair:
     name: str
     left: Image
     right: Image
-    truth: Truth | None
-    truth_right: Truth | None
+    truth: Map | None
+    truth_right: Map | None
     masks: Mapping[str, Mask]
     num_disparities: int
     calibration: Calibration | None
@@ -360,7 +356,7 @@ class Scene:
             offset=self._read_offset(),
         )
 
-    def _read_truth(self, file: str | None, size: tuple[int, ...]) -> Truth | None:
+    def _read_truth(self, file: str | None, size: tuple[int, ...]) -> Map | None:
         if file is None or not (self.folder / file).exists():
             return None
 
@@ -404,7 +400,7 @@ class Scene:
             raise ValueError(f"{self.folder}: calib.txt must give ndisp, and is missing")
         return (bound + 15) // 16 * 16
 
-    def _read_masks(self, truth: Truth, truth_right: Truth | None) -> dict[str, Mask]:
+    def _read_masks(self, truth: Map, truth_right: Map | None) -> dict[str, Mask]:
         masks = {"all": np.isfinite(truth)}
         if truth_right is not None:
             masks["nonocc"] = _agree(truth, truth_right)
@@ -546,12 +542,12 @@ def _require_shape(path: Path, shape: tuple[int, ...], wanted: tuple[int, ...]) 
         raise ValueError(f"{path} must have the left image's shape {wanted}, got {shape}")
 
 
-def _match_column(truth: Truth) -> npt.NDArray[np.float32]:
+def _match_column(truth: Map) -> Map:
     """Return x - d: NaN where the truth is unknown, negative left of the right image."""
     return np.arange(truth.shape[1], dtype=np.float32) - truth
 
 
-def _agree(truth: Truth, truth_right: Truth) -> Mask:
+def _agree(truth: Map, truth_right: Map) -> Mask:
     """Return the mask of pixels where both truths agree, to 1 px and float32's rounding."""
     width = truth.shape[1]
     column = np.floor(_match_column(truth) + 0.5)
@@ -560,5 +556,4 @@ def _agree(truth: Truth, truth_right: Truth) -> Mask:
     # Columns outside are read at 0 and masked out at the end.
     at = np.where(inside, column, 0).astype(np.intp)
     seen = np.take_along_axis(truth_right, at, axis=1)
-    agree: Mask = inside & (np.abs(truth - seen) <= 1 + _ROUNDING)
-    return agree
+    return inside & (np.abs(truth - seen) <= 1 + _ROUNDING)

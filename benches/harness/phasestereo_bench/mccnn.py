@@ -10,12 +10,9 @@ from importlib import import_module
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from phasestereo._extras import require
-
-Image = NDArray[np.uint8]
-Map = NDArray[np.float32]
+from phasestereo_bench.arrays import Image, Map
 
 WEIGHTS = "onnx_fast_int8"
 
@@ -59,8 +56,7 @@ def match_mccnn(left: Image, right: Image, num_disparities: int) -> Map:
     total = sgm.sgm_api(cost, low, high, directions, _WORST, whole, *options)["cv"]
     total[outside] = np.inf
 
-    found: Map = (num_disparities - 1 - total.argmin(axis=2)).astype(np.float32)
-    return found
+    return (num_disparities - 1 - total.argmin(axis=2)).astype(np.float32)
 
 
 def needed() -> tuple[Any, Any, Any]:

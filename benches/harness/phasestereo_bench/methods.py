@@ -16,9 +16,6 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeAlias
 
-import numpy as np
-from numpy.typing import NDArray
-
 from phasestereo._extras import require
 from phasestereo._images import Map
 from phasestereo.matchers import OtherMatcher, onnx, opencv
@@ -29,8 +26,7 @@ from phasestereo.preparation import prepare
 from phasestereo.rig.findings import unwarned
 from phasestereo.settings import PRESETS, Settings, resolve
 from phasestereo_bench import mccnn, networks, program
-
-Floats = NDArray[np.floating[Any]]
+from phasestereo_bench.arrays import Floats
 
 Matcher: TypeAlias = Callable[..., "Floats | tuple[Floats, Floats]"]
 
@@ -324,8 +320,7 @@ def _module(function: Matcher) -> str:
 def _callable(name: str, found: Any) -> Matcher:
     if not callable(found):
         raise TypeError(f"method: {name!r} is not a function but {type(found).__name__}")
-    matcher: Matcher = found
-    return matcher
+    return found
 
 
 def _opencv_is_installed() -> bool:

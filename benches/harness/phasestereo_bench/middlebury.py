@@ -11,10 +11,10 @@ from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from phasestereo.metrics import Score, bad_pixels, middlebury_v2, roc_area, score
 from phasestereo_bench import cases
+from phasestereo_bench.arrays import Floats, Image
 from phasestereo_bench.cases import SIDES, SUITES, Case, require_known, usual_side
 from phasestereo_bench.datasets import Pair, Scene
 from phasestereo_bench.measurement import measured
@@ -22,8 +22,6 @@ from phasestereo_bench.methods import Matcher, Method, available, method
 from phasestereo_bench.rigs import RIGS
 from phasestereo_bench.runner import Job, run_jobs
 
-Floats = NDArray[np.floating[Any]]
-Image = NDArray[np.uint8]
 Specs = Iterable[str | Matcher | Method]
 
 _DEFAULTS = {

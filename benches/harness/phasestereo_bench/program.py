@@ -7,13 +7,8 @@ import subprocess
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import numpy as np
-from numpy.typing import NDArray
-
 from phasestereo.io import read_disparity, write_image
-
-Image = NDArray[np.uint8]
-Map = NDArray[np.float32]
+from phasestereo_bench.arrays import Image, Map
 
 PLACES = ("{left}", "{right}", "{num_disparities}", "{output}")
 """The placeholders of a command line: the files and the number of disparities."""
@@ -47,8 +42,7 @@ def match_program(left: Image, right: Image, num_disparities: int, *, command: s
             last = (done.stderr.strip().splitlines() or ["it said nothing"])[-1]
             raise ValueError(f"{words[0]}: exit code {done.returncode}: {last}")
 
-        found: Map = read_disparity(root / "output.pfm")
-        return found
+        return read_disparity(root / "output.pfm")
 
 
 def require_places(command: str) -> None:

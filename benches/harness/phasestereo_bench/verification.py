@@ -9,20 +9,16 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
-from numpy.typing import NDArray
 
 import phasestereo as ps
 from phasestereo.metrics import roc_area
 from phasestereo.rig.findings import unwarned
+from phasestereo_bench.arrays import Map, Mask
 from phasestereo_bench.cases import Case, usual_side
 from phasestereo_bench.datasets import Pair, Scene
-from phasestereo_bench.methods import Method
-from phasestereo_bench.methods import method as as_method
+from phasestereo_bench.methods import Method, method as as_method
 from phasestereo_bench.middlebury import matched_pair
 from phasestereo_bench.report.tables import Entry, Table
-
-Mask = NDArray[np.bool_]
-Map = NDArray[np.float32]
 
 CONDITIONS: Mapping[str, str] = {
     "sharp": "rigs",

@@ -505,8 +505,7 @@ def _as_affine(transform: Any) -> Any:
 
 
 def _name(crs: Any) -> str:
-    text: str = getattr(crs, "to_string", lambda: str(crs))()
-    return text
+    return getattr(crs, "to_string", lambda: str(crs))()
 
 
 def _by(size: tuple[float, float]) -> str:

@@ -19,8 +19,7 @@ from phasestereo._images import as_pair
 from phasestereo.known import Known
 from phasestereo.rig.compensation import BlurCompensation
 from phasestereo.settings import Settings
-from phasestereo.stages import aggregate
-from phasestereo.stages import cost_volume as compare
+from phasestereo.stages import aggregate, cost_volume as compare
 
 try:
     from json_checker import And, Checker

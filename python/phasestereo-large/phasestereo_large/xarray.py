@@ -176,8 +176,7 @@ def as_dataset(result: Result, *, like: DataArray | None = None) -> Dataset:
     if result.blur is not None:
         attrs["blur"] = str(result.blur)
 
-    found: Dataset = xarray.Dataset(variables, coords, attrs)
-    return found
+    return xarray.Dataset(variables, coords, attrs)
 
 
 def _attributes(name: str) -> dict[str, Any]:

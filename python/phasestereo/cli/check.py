@@ -116,8 +116,7 @@ def _reduced(image: NDArray[Any], factor: int) -> NDArray[Any]:
     whole = image[: rows * factors[0], : cols * factors[1]]
     blocks = whole.reshape(rows, factors[0], cols, factors[1], *image.shape[2:])
     mean = blocks.mean(axis=(1, 3), dtype=np.float64)
-    reduced: NDArray[Any] = (mean if image.dtype.kind == "f" else np.rint(mean)).astype(image.dtype)
-    return reduced
+    return (mean if image.dtype.kind == "f" else np.rint(mean)).astype(image.dtype)
 
 
 def _refuse_target(path: Path, sources: tuple[Path | None, ...]) -> None:

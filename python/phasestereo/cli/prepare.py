@@ -14,8 +14,7 @@ from phasestereo.cli.errors import WRONG_USAGE, CommandError, claim, refusals
 from phasestereo.cli.terminal import print_json, print_lines
 from phasestereo.cli.trust import show_findings
 from phasestereo.io import read_disparity, write_disparity, write_image
-from phasestereo.preparation import Restoration, Unit
-from phasestereo.preparation import prepare as prepare_pair
+from phasestereo.preparation import Restoration, Unit, prepare as prepare_pair
 from phasestereo.rig.findings import untrusted, unwarned
 
 _JSON = Parameter(name="--json", negative=(), show_default=False)

@@ -14,8 +14,7 @@ from phasestereo.cli.pairing import read_both
 from phasestereo.cli.terminal import print_json, print_lines
 from phasestereo.io import write_image
 from phasestereo.io.pair import Layout
-from phasestereo.rectification import Rectification
-from phasestereo.rectification import rectify as rectify_pair
+from phasestereo.rectification import Rectification, rectify as rectify_pair
 
 _MANY = Parameter(consume_multiple=True, show_default=False)
 _OPTIONS = frozenset(["calibration", "alpha", "interpolation", "layout"])

@@ -75,8 +75,7 @@ class MatchSummary:
             summary["rectification"] = self.outcome.rectified.as_dict()
         if self.outcome.score is not None:
             summary["metrics"] = self.outcome.score.as_dict()
-        record: dict[str, Any] = plain(summary)
-        return record
+        return plain(summary)
 
     @property
     def estimated(self) -> float:

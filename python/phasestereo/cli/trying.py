@@ -78,5 +78,4 @@ def _means(image: NDArray[np.int64], size: int) -> NDArray[np.int64]:
     padded = np.pad(image, size // 2, mode="edge")
     windows = np.lib.stride_tricks.sliding_window_view(padded, (size, size))
     rows, cols = image.shape
-    found: NDArray[np.int64] = windows[:rows, :cols].sum(axis=(2, 3)) // size**2
-    return found
+    return windows[:rows, :cols].sum(axis=(2, 3)) // size**2

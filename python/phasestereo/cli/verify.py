@@ -20,8 +20,7 @@ from phasestereo.cli.errors import (
 )
 from phasestereo.cli.terminal import print_json, print_lines, progress_bar
 from phasestereo.io import read_disparity, read_image, write_disparity, write_image
-from phasestereo.verification import Verification
-from phasestereo.verification import verify as verify_map
+from phasestereo.verification import Verification, verify as verify_map
 
 _MAPS = frozenset([".pfm", ".npy", ".tif", ".tiff"])
 _PICTURES = frozenset([".png"])

@@ -378,8 +378,7 @@ def _checked_q(q: ArrayLike) -> list[list[float]]:
             "is the left camera on the right of the other one?"
         )
 
-    rows: list[list[float]] = matrix.tolist()
-    return rows
+    return matrix.tolist()
 
 
 def check_pixels(disparity: NDArray[Any]) -> None:

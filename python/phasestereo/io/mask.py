@@ -24,5 +24,4 @@ def read_mask(path: Path | None, *, level: int = 1) -> NDArray[np.bool_] | None:
     pixels = np.atleast_3d(read_image(path))[:, :, :3]
     if pixels.dtype.kind != "u":
         raise ValueError(f"{path}: a mask has 8 or 16-bit samples, this has {pixels.dtype}")
-    reached: NDArray[np.bool_] = np.any(pixels >= level, axis=2)
-    return reached
+    return np.any(pixels >= level, axis=2)

@@ -24,8 +24,6 @@ from numpy.typing import NDArray
 from phasestereo._extras import require
 from phasestereo._images import Map
 
-__all__ = ["NetworkInputs", "layout_of", "match_onnx", "max_disparity_of", "opened"]
-
 Image: TypeAlias = NDArray[np.uint8]
 
 _MULTIPLE = 64  # px: what networks that work at several sizes take
@@ -117,8 +115,7 @@ def match_onnx(
             f"{path}: its first output is {answer.shape}, not a map of {height} x {width}"
         )
 
-    found: Map = answer.reshape(shape)[:height, :width].copy()
-    return found
+    return answer.reshape(shape)[:height, :width].copy()
 
 
 def max_disparity_of(path: str, *, threads: int | None = None) -> int | None:

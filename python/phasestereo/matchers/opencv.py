@@ -16,19 +16,6 @@ from numpy.typing import NDArray
 from phasestereo._extras import require
 from phasestereo._images import Map
 
-__all__ = [
-    "BM",
-    "SGBM",
-    "SGBM_3X3",
-    "Image",
-    "create_bm",
-    "create_sgbm",
-    "match_bm",
-    "match_by",
-    "match_sgbm",
-    "needed",
-]
-
 Image: TypeAlias = NDArray[np.uint8]
 
 BM: dict[str, Any] = {"blockSize": 9}

@@ -298,5 +298,4 @@ def masks_of(
 def inside(maps: tuple[Map, Map], size: tuple[int, ...]) -> Mask:
     """Return the mask of map entries inside an image of this size (rows, columns)."""
     x, y = maps
-    found: Mask = (x >= 0) & (x <= size[1] - 1) & (y >= 0) & (y <= size[0] - 1)
-    return found
+    return (x >= 0) & (x <= size[1] - 1) & (y >= 0) & (y <= size[0] - 1)

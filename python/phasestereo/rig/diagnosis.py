@@ -22,8 +22,6 @@ from phasestereo.rig.findings import Finding
 from phasestereo.rig.photometry import Contrast, Photometry, Saturation
 from phasestereo.rig.search_range import SearchRange
 
-__all__ = ["Diagnosis", "check"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Diagnosis:
@@ -113,8 +111,7 @@ class Diagnosis:
                 for name in ("vertical", "rotation", "scale", "rms", "error", "blocks")
             }
 
-        plain: dict[str, Any] = as_json(record)
-        return plain
+        return as_json(record)
 
 
 def check(left: ImageOrPath, right: ImageOrPath, *, self_rectify: bool = True) -> Diagnosis:

@@ -8,13 +8,15 @@ from typing import TYPE_CHECKING
 __all__ = ["depths", "meshing", "page", "picture", "plot", "registering", "triangulation"]
 
 if TYPE_CHECKING:
-    from phasestereo.views import depths as depths
-    from phasestereo.views import meshing as meshing
-    from phasestereo.views import page as page
-    from phasestereo.views import picture as picture
-    from phasestereo.views import plot as plot
-    from phasestereo.views import registering as registering
-    from phasestereo.views import triangulation as triangulation
+    from phasestereo.views import (
+        depths as depths,
+        meshing as meshing,
+        page as page,
+        picture as picture,
+        plot as plot,
+        registering as registering,
+        triangulation as triangulation,
+    )
 else:
 
     def __getattr__(name):

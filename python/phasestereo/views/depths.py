@@ -61,8 +61,7 @@ class DepthInterval(NamedTuple):
     @property
     def at_infinity(self) -> Mask:
         """Where what is seen may be infinitely far away, as the sky, bool (H, W)."""
-        found: Mask = np.isposinf(self.depth)
-        return found
+        return np.isposinf(self.depth)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -399,8 +398,7 @@ def _medians(values: NDArray[Any], kept: Mask, n: int) -> NDArray[np.intp]:
     order = np.argsort(blocks, axis=2, kind="stable")
     y, x = np.divmod(np.take_along_axis(order, middle[:, :, np.newaxis], 2)[:, :, 0], n)
     top, left = np.ogrid[: rows * n : n, : cols * n : n]
-    found: NDArray[np.intp] = (top + y) * values.shape[1] + left + x
-    return found
+    return (top + y) * values.shape[1] + left + x
 
 
 def ranging(

@@ -384,8 +384,7 @@ def _figure(width: int, height: int) -> Any:
 
 def _drawn(figure: Any) -> Picture:
     figure.canvas.draw()
-    picture: Picture = np.asarray(figure.canvas.buffer_rgba())[:, :, :3].copy()
-    return picture
+    return np.asarray(figure.canvas.buffer_rgba())[:, :, :3].copy()
 
 
 def _text_size(cols: int) -> int:

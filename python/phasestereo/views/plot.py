@@ -469,8 +469,7 @@ def _shows_open_figures() -> bool:
 
 def _axes(ax: Axes | None) -> Axes:
     if ax is None:
-        current: Axes = require("matplotlib.pyplot", extra="plot").gca()
-        return current
+        return require("matplotlib.pyplot", extra="plot").gca()
     require("matplotlib", extra="plot")
     return ax
 

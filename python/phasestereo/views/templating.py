@@ -15,8 +15,6 @@ from typing import Any
 from phasestereo._extras import require
 from phasestereo.io.files import StrPath, suffix
 
-__all__ = ["check_page_path", "data_uri", "render_page"]
-
 
 def check_page_path(path: StrPath) -> None:
     """Raise a ValueError for a file that is not named as a page."""
@@ -63,8 +61,7 @@ def render_page(template: str, *, package: str | Path = "phasestereo.views", **c
 
     environment.filters["embedded"] = data_uri
     environment.globals["source"] = _source
-    page: str = environment.get_template(template).render(context)
-    return page
+    return environment.get_template(template).render(context)
 
 
 def _source(name: str) -> Any:

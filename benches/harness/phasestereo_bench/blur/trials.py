@@ -7,16 +7,13 @@ from dataclasses import dataclass
 from itertools import product
 from typing import Any
 
-from numpy.typing import NDArray
-
 from phasestereo.rig.estimation import estimate_blur
 from phasestereo_bench import cases
+from phasestereo_bench.arrays import Array
 from phasestereo_bench.datasets import Pair, Scene
 from phasestereo_bench.degradation import Degradation, Kernel, disk_psf, gaussian_psf, motion_psf
 from phasestereo_bench.measurement import measured
 from phasestereo_bench.runner import Job
-
-Image = NDArray[Any]
 
 KIND = "blur"
 """The kind of the records."""
@@ -74,11 +71,11 @@ class BlurTrial:
                 return motion_psf(self.size, self.angle)
         return None
 
-    def views(self, pair: Pair) -> tuple[Image, Image]:
+    def views(self, pair: Pair) -> tuple[Array, Array]:
         """Return the images of a pair, left and right, as the trial has them."""
         return self._view(pair.left, "left"), self._view(pair.right, "right")
 
-    def _view(self, image: Image, side: str) -> Image:
+    def _view(self, image: Array, side: str) -> Array:
         if self.side not in (side, "both"):
             return image
         return Degradation(self.psf, noise=self.noise, seed=_SEEDS[side])(image)

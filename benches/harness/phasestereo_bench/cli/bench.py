@@ -21,8 +21,6 @@ from phasestereo_bench.cli import (
     bench_video,
 )
 
-__all__ = ["app"]
-
 app = App(
     name="bench",
     help_format="markdown",

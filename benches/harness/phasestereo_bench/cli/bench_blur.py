@@ -16,7 +16,6 @@ _OPTIONS = {"scene", "every"}
 _SCENES = Group.create_ordered("Scenes")
 _RUN = Group.create_ordered("Run")
 _SUITE = "one-sided-blur"
-_COUNT = validators.Number(gte=0)
 _STEP = validators.Number(gte=1)
 _ALL = SceneChoice()
 

@@ -31,7 +31,6 @@ from phasestereo_bench.report.tables import Table
 _OPTIONS = {"scene", "every", "weights", "hitnet"}
 _SCENES = Group.create_ordered("Scenes")
 _RUN = Group.create_ordered("Run")
-_COUNT = validators.Number(gte=0)
 _STEP = validators.Number(gte=1)
 _ALL = SceneChoice()
 _METHODS = "opencv:sgbm", "prepared:sgbm", "fast"

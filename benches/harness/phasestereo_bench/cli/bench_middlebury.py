@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
-from cyclopts import Group, Parameter, validators
+from cyclopts import Group, Parameter
 
 from phasestereo.cli.errors import refusals
 from phasestereo.cli.terminal import say
@@ -15,8 +15,7 @@ from phasestereo_bench.cases import SUITES
 from phasestereo_bench.cli.bench_report import show_results
 from phasestereo_bench.cli.bench_runs import AS_USUAL, RunOptions, require_done
 from phasestereo_bench.cli.bench_scenes import SceneChoice
-from phasestereo_bench.methods import method as method_of
-from phasestereo_bench.methods import present
+from phasestereo_bench.methods import method as method_of, present
 from phasestereo_bench.middlebury import default_methods, middlebury_jobs
 from phasestereo_bench.report.results import results_of
 from phasestereo_bench.rigs import QUICK_SCENES
@@ -28,7 +27,6 @@ _SCENES = Group.create_ordered("Scenes")
 _CELLS = Group.create_ordered("Degradations and methods")
 _RUN = Group.create_ordered("Run")
 _SUITE_HELP = f"Which degradations: {', '.join(SUITES)}."
-_COUNT = validators.Number(gte=0)
 _ALL = SceneChoice()
 
 

@@ -21,11 +21,14 @@ from phasestereo.io.drafts import replacing
 from phasestereo.metrics import roc_area
 from phasestereo.result import Flag
 from phasestereo_bench.confidence.claims import TRUTH, unpacked
-from phasestereo_bench.confidence.regression import KNOTS as BAR_KNOTS
-from phasestereo_bench.confidence.regression import between_knots, quantile, sigmoid
+from phasestereo_bench.confidence.regression import (
+    KNOTS as BAR_KNOTS,
+    Numbers,
+    between_knots,
+    quantile,
+    sigmoid,
+)
 from phasestereo_bench.report.tables import Table
-
-Numbers = NDArray[np.float64]
 
 TRAITS, KNOTS, CASES = 19, 6, 3
 _FOLDS = 3

@@ -18,12 +18,11 @@ from phasestereo_bench.confidence.observation import ERRORS, ODDS
 from phasestereo_bench.confidence.regression import (
     FIRST_KNOT,
     KNOTS,
+    Numbers,
     between_knots,
     quantile,
     sigmoid,
 )
-
-Numbers = NDArray[np.float64]
 
 TRAITS = 8
 # The core's names for what these are.

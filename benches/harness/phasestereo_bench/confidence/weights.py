@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from phasestereo.io.drafts import replacing
-from phasestereo_bench.confidence.learning import Numbers, Weights, learn, observed_of
+from phasestereo_bench.confidence.learning import Weights, learn, observed_of
 from phasestereo_bench.confidence.observation import PRESETS
+from phasestereo_bench.confidence.regression import Numbers
 
 _FILE = """//! Learned by `phasestereo bench confidence`, which writes this file.
 

@@ -4,16 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import numpy as np
-from numpy.typing import NDArray
-
 from phasestereo.matchers.opencv import match_sgbm
 from phasestereo.matching import match
 from phasestereo.rig.findings import unwarned
 from phasestereo.settings import PRESETS, Settings
-
-Image = NDArray[np.uint8]
-Map = NDArray[np.float32]
+from phasestereo_bench.arrays import Image, Map
 
 # As large as the disk, as in the paper. Wider ones help normalized SAD against the blur and cost
 # everyone outlines; means over seeds 0 to 4, left image degraded, at 7, 9, 11 and 13 pixels:

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 from typing import cast
 
 from phasestereo.metrics import bad_pixels
+from phasestereo_bench.arrays import Image, Map
 from phasestereo_bench.datasets import Pair
 from phasestereo_bench.degradation import Degradation, disk_psf
-from phasestereo_bench.demo.methods import METHODS, DemoMethod, Image, Map
+from phasestereo_bench.demo.methods import METHODS, DemoMethod
 from phasestereo_bench.rendering import render_pair
 
 RADIUS, GAIN, OFFSET, NOISE = 3.0, 0.6, 10.0, 2.0

@@ -17,23 +17,6 @@ from phasestereo_bench.paper.experiments import (
 from phasestereo_bench.paper.study import SCENES, Reading, Study, curve
 from phasestereo_bench.report.tables import MISSING, Table
 
-__all__ = [
-    "CLAIMS",
-    "SETUPS",
-    "BitsLine",
-    "ClaimCase",
-    "ClaimResult",
-    "ClaimVerdict",
-    "Setup",
-    "bits_table",
-    "cases",
-    "cases_table",
-    "claims_table",
-    "judge_claims",
-    "lines",
-    "settings_table",
-]
-
 _GAIN = 5.0  # points that the paper's method gains "in many cases" at the least
 _FLAT = 2.0  # points over which a "fairly constant" figure may spread
 _PARTLY = 2 / 3  # of what reproduces a claim reproduces it in part

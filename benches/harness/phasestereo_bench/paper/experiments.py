@@ -14,46 +14,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from math import ceil
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from phasestereo.settings import Settings
-from phasestereo_bench.degradation import Degradation, areas, disk_psf, gaussian_psf
-
-Kernel = NDArray[np.float64]
-Image = NDArray[Any]
-
-__all__ = [
-    "AREAS",
-    "BITS",
-    "BITS_KEY",
-    "BITS_SIGMAS",
-    "EXPERIMENTS",
-    "FULL_GRID",
-    "GAUSS",
-    "METHODS",
-    "MOTION_X",
-    "MOTION_Y",
-    "NSAD",
-    "PHASE",
-    "PROTOCOLS",
-    "QUICK_BITS_SIGMAS",
-    "QUICK_GRID",
-    "RULES",
-    "SAD",
-    "SHARP",
-    "SMALLEST",
-    "Experiment",
-    "Grid",
-    "MatchingCost",
-    "PaperBlur",
-    "Series",
-    "box_psf",
-    "odd",
-    "recoded",
-]
+from phasestereo_bench.arrays import Array
+from phasestereo_bench.degradation import Degradation, Kernel, areas, disk_psf, gaussian_psf
 
 # Degradations
 
@@ -79,7 +46,7 @@ class PaperBlur:
     kind: Kind
     amount: float
 
-    def __call__(self, image: Image) -> Image:
+    def __call__(self, image: Array) -> Array:
         """Return the degraded image, of the same shape and type."""
         if self.kind == "gauss":
             return Degradation(gaussian_psf(self.amount))(image)
@@ -89,7 +56,7 @@ class PaperBlur:
             return Degradation(motion if self.kind == "motion x" else motion.T)(image)
 
         disk = disk_psf(self.amount / 2)
-        versions: list[Callable[[Image], Image]] = [
+        versions: list[Callable[[Array], Array]] = [
             _CONTRAST,
             Degradation(motion),
             Degradation(),

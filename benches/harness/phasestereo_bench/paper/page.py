@@ -27,7 +27,6 @@ from phasestereo_bench.store import read_store
 
 Panels = Mapping[str, Mapping[str, Mapping[Any, float]]]
 
-__all__ = ["write_study"]
 
 _RIVALS = {SAD.name: "black", NSAD.name: "gray"}  # in every panel; others take the usual colors
 

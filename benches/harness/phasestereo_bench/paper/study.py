@@ -45,19 +45,6 @@ from phasestereo_bench.runner import Job, run_jobs
 Progress = Callable[[int, int], object] | None
 Watch = Callable[[str], AbstractContextManager[Progress]]
 
-__all__ = [
-    "SCENES",
-    "ChosenSettings",
-    "Pairs",
-    "PaperCell",
-    "Reading",
-    "Study",
-    "TuningTask",
-    "curve",
-    "load_pairs",
-    "measure",
-    "run_study",
-]
 
 SCENES = {"cones": "scenes2003/cones", "tsukuba": "scenes2001/tsukuba"}
 """The paper's pairs, in the order of its columns, and where Middlebury's folders have them."""

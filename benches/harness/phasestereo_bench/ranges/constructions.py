@@ -14,12 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from phasestereo_bench.arrays import Image
 from phasestereo_bench.datasets import Pair
 from phasestereo_bench.degradation import Degradation, disk_psf
 from phasestereo_bench.rigs.sensor import jpeg, noise
 
-Image = NDArray[np.uint8]
-Field = NDArray[np.float64]
 Views = tuple[Image, Image]
 Fault = Callable[[Views], Views]
 

@@ -15,12 +15,10 @@ from numpy.typing import NDArray
 
 import phasestereo as ps
 from phasestereo.rig.findings import unwarned
+from phasestereo_bench.arrays import Floats
 from phasestereo_bench.methods import method
 from phasestereo_bench.middlebury import matched
 from phasestereo_bench.real.frames import read_frame
-
-Floats = NDArray[np.floating[Any]]
-Image = NDArray[np.uint8]
 
 NUM_DISPARITIES = 64
 """The number of disparities for methods that need one."""
@@ -81,8 +79,7 @@ def confirmed(disparity: Floats, of_right: Floats) -> NDArray[np.bool_]:
     # Columns outside are read at 0, and masked out below.
     index = np.where(inside, column, 0).astype(np.intp)
     there = np.take_along_axis(of_right, index, axis=1)
-    agreeing: NDArray[np.bool_] = inside & (np.abs(there - disparity) <= 1)
-    return agreeing
+    return inside & (np.abs(there - disparity) <= 1)
 
 
 def _mirrored(image: Any) -> Any:

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from phasestereo.io import read_image, read_pair
 from phasestereo.io.folders import images_of, paths_of_rig
-
-Image = NDArray[np.uint8]
+from phasestereo_bench.arrays import Image
 
 _SIDE_BY_SIDE = 2  # times as wide as high, or wider: both views in one picture
 
@@ -96,8 +95,7 @@ def read_frame(files: tuple[Path, ...]) -> tuple[Image, Image]:
 
 
 def _opaque(image: NDArray[np.generic]) -> Image:
-    found: Image = image[:, :, :3] if image.ndim == 3 else image  # type: ignore[assignment]
-    return found
+    return image[:, :, :3] if image.ndim == 3 else image  # type: ignore[return-value]
 
 
 def _is_picture(path: Path) -> bool:

@@ -10,15 +10,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import interpolate
 
 import phasestereo as ps
 from phasestereo import Rectification
 from phasestereo.rig.findings import unwarned
+from phasestereo_bench.arrays import Plane
 from phasestereo_bench.real.frames import read_frame
-
-Floats = NDArray[np.float64]
 
 _STEP = 12  # px between places
 _DISTANCES = 5
@@ -28,10 +26,10 @@ _COARSE = 6  # px between the points by which maps are turned around
 class Places(NamedTuple):
     """Raw pixels of both images that show the same, each (N,)."""
 
-    left_x: Floats
-    left_y: Floats
-    right_x: Floats
-    right_y: Floats
+    left_x: Plane
+    left_y: Plane
+    right_x: Plane
+    right_y: Plane
 
 
 def score_rows(folder: Path, files: tuple[Path, ...]) -> dict[str, Any]:
@@ -72,7 +70,7 @@ def score_rows(folder: Path, files: tuple[Path, ...]) -> dict[str, Any]:
     }
 
 
-def corresponding(truth: Rectification, disparities: Floats, size: tuple[int, int]) -> Places:
+def corresponding(truth: Rectification, disparities: Plane, size: tuple[int, int]) -> Places:
     """Return the raw pixels that show the same by a calibration, at these disparities.
 
     Parameters
@@ -100,7 +98,7 @@ def corresponding(truth: Rectification, disparities: Floats, size: tuple[int, in
     return Places(*found[:, ((found >= 0) & (found <= limits)).all(axis=0)])
 
 
-def _disparities(truth: Rectification) -> Floats:
+def _disparities(truth: Rectification) -> Plane:
     """Return whole disparities all over the range of what the rectified pair shows."""
     result = ps.match(
         truth.left,
@@ -112,8 +110,7 @@ def _disparities(truth: Rectification) -> Floats:
 
     trusted = result.disparity[np.isfinite(result.disparity) & (result.flags == 0)]
     low, high = np.percentile(trusted, (2.0, 98.0))
-    found: Floats = np.rint(np.linspace(float(low), float(high), _DISTANCES))
-    return found
+    return np.rint(np.linspace(float(low), float(high), _DISTANCES))
 
 
 def _rectified(left: Any, right: Any, places: Places) -> float | None:
@@ -130,7 +127,7 @@ def _rectified(left: Any, right: Any, places: Places) -> float | None:
     return _rms(off[np.isfinite(off)])
 
 
-def _turned_around(x_map: Any, y_map: Any, x: Floats, y: Floats) -> Floats:
+def _turned_around(x_map: Any, y_map: Any, x: Plane, y: Plane) -> Plane:
     """Return the rows to which a rectification brings raw pixels; NaN outside of it."""
     rows, cols = x_map.shape
     at, across = np.mgrid[0:rows:_COARSE, 0:cols:_COARSE]
@@ -140,9 +137,8 @@ def _turned_around(x_map: Any, y_map: Any, x: Floats, y: Floats) -> Floats:
     row = interpolate.CloughTocher2DInterpolator(
         points.astype(np.float64), at.ravel().astype(float)
     )
-    found: Floats = row(x, y)
-    return found
+    return row(x, y)
 
 
-def _rms(values: Floats) -> float:
+def _rms(values: Plane) -> float:
     return float(np.sqrt(np.mean(values**2)))

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[Any]
+from phasestereo_bench.arrays import Array
 
 LEFT, RIGHT = 0, 1
 RAYS_IN_BAND = 2**17  # its arrays stay in the cache, and memory stays flat

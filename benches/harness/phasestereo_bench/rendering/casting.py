@@ -8,11 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from phasestereo_bench.arrays import Mask, Plane
 from phasestereo_bench.rendering.camera import RIGHT, Camera, Rays
 from phasestereo_bench.rendering.shapes import Shape
 
-Disparity = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Window = tuple[int, int, int, int]
 
 GRAZING = 1e-4  # px of disparity within which two surfaces are the same point
@@ -60,14 +59,12 @@ def cast(
     return depth, index
 
 
-def disparities(shapes: Sequence[Shape], camera: Camera, side: int) -> Disparity:
+def disparities(shapes: Sequence[Shape], camera: Camera, side: int) -> Plane:
     """Disparities at the pixel centers of a view."""
     return seen(shapes, camera, side)[0]
 
 
-def seen(
-    shapes: Sequence[Shape], camera: Camera, side: int
-) -> tuple[Disparity, NDArray[np.uint16]]:
+def seen(shapes: Sequence[Shape], camera: Camera, side: int) -> tuple[Plane, NDArray[np.uint16]]:
     """Disparities at the pixel centers of a view, and which shape is seen there."""
     bounds = windows(shapes, camera, side)
     disparity = np.empty((camera.height, camera.width))
@@ -81,7 +78,7 @@ def seen(
     return disparity, number
 
 
-def visible_in_both(shapes: Sequence[Shape], camera: Camera, truth: Disparity) -> Mask:
+def visible_in_both(shapes: Sequence[Shape], camera: Camera, truth: Plane) -> Mask:
     """Whether the point seen at each left pixel's center is the front-most in the right view."""
     bounds = windows(shapes, camera, RIGHT, slack=(truth.min(), truth.max()))
     visible = np.empty(truth.shape, dtype=bool)
@@ -95,7 +92,7 @@ def visible_in_both(shapes: Sequence[Shape], camera: Camera, truth: Disparity) -
     return visible
 
 
-def near_jumps(truth: Disparity, reach: int = DISC_REACH) -> Mask:
+def near_jumps(truth: Plane, reach: int = DISC_REACH) -> Mask:
     """Pixels within this many px of a jump between neighbors of more than `JUMP`."""
     from scipy import ndimage  # noqa: PLC0415  # slow to import, and most of the harness does without
 
@@ -110,5 +107,4 @@ def near_jumps(truth: Disparity, reach: int = DISC_REACH) -> Mask:
         jumps[side] |= jump
 
     # A jump has marked the pixels on both of its sides, which is the first of the steps.
-    near: Mask = ndimage.maximum_filter(jumps, size=2 * reach - 1)
-    return near
+    return ndimage.maximum_filter(jumps, size=2 * reach - 1)

@@ -5,17 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from phasestereo_bench.arrays import Array
 from phasestereo_bench.rendering.camera import LEFT, Camera, Rays
 from phasestereo_bench.rendering.casting import Window, cast, windows
 from phasestereo_bench.rendering.shapes import Chart, Patch, Shape, Vector
 from phasestereo_bench.rendering.textures import Texture, look_up
 
-Array = NDArray[Any]
 Points = tuple[Array, Array, Array]
 
 # Offsets of the rays in a pixel: of the lattices with eight distinct rows and columns, the one
@@ -53,8 +52,7 @@ class Lightmap:
 
         upper = light[corner] * (1 - across) + light[corner + 1] * across
         lower = light[corner + n] * (1 - across) + light[corner + n + 1] * across
-        blended: Array = upper * (1 - along) + lower * along
-        return blended
+        return upper * (1 - along) + lower * along
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -200,8 +198,7 @@ def _blocked(shape: Shape, points: Points, direction: Vector) -> NDArray[np.bool
     x, y, z = (np.full((1, 1), d, dtype=np.float32) for d in direction)
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):  # rays that miss
         distance = shape.hit(Rays(points, x, y, z))
-    blocked: NDArray[np.bool_] = (distance > TOUCHING) & (distance < np.inf)
-    return blocked
+    return (distance > TOUCHING) & (distance < np.inf)
 
 
 def _radiance(
@@ -253,5 +250,4 @@ def _illumination(surface: Surface, chart: Chart, height: Array) -> Array:
     # Within a hand of the floor up to half of the sky is hidden.
     near_ground = 0.5 * np.exp(height * (-1 / 0.07))
 
-    light: Array = SUNLIGHT * sun + SKYLIGHT * (0.65 + 0.35 * y) * (1 - near_ground)
-    return light
+    return SUNLIGHT * sun + SKYLIGHT * (0.65 + 0.35 * y) * (1 - near_ground)

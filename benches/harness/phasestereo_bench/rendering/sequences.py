@@ -13,13 +13,12 @@ from typing import Literal, TypeAlias, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from phasestereo_bench.arrays import Mask
 from phasestereo_bench.rendering.camera import LEFT, RIGHT, Camera
 from phasestereo_bench.rendering.casting import cast, disparities, visible_in_both, windows
 from phasestereo_bench.rendering.light import Scenery, Surface, exposure_of, photograph
 from phasestereo_bench.rendering.scenery import furnish
 from phasestereo_bench.rendering.shapes import Ellipsoid
-
-Mask = NDArray[np.bool_]
 
 Motion: TypeAlias = Literal["static", "camera", "object"]
 MOTIONS: tuple[Motion, ...] = get_args(Motion)
@@ -151,5 +150,4 @@ def _outline(scene: Scenery, camera: Camera, *, moves: bool) -> Mask:
         )
 
     size = 2 * OUTLINE_REACH + 1
-    near: Mask = ndimage.maximum_filter(inside, size) & ~ndimage.minimum_filter(inside, size)
-    return near
+    return ndimage.maximum_filter(inside, size) & ~ndimage.minimum_filter(inside, size)

@@ -12,9 +12,8 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from phasestereo_bench.arrays import Array
 from phasestereo_bench.rendering.camera import Rays
-
-Array = NDArray[Any]
 
 Vector = tuple[float, float, float]
 

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[Any]
+from phasestereo_bench.arrays import Array
+
 Tile = NDArray[np.float32]
 Color = tuple[int, int, int]  # sRGB, 0-255, as in any paint program
 
@@ -89,8 +89,7 @@ def _bilinear(texture: Texture, level: int, u: Array, v: Array) -> Tile:
 
 def linear(color: Color) -> Tile:
     """Convert an sRGB color to linear light."""
-    light: Tile = (np.array(color, dtype=np.float32) / np.float32(255)) ** np.float32(2.2)
-    return light
+    return (np.array(color, dtype=np.float32) / np.float32(255)) ** np.float32(2.2)
 
 
 def fractal(rng: np.random.Generator, n: int, *, slope: float = 1.0, stretch: float = 1.0) -> Tile:
@@ -104,8 +103,7 @@ def fractal(rng: np.random.Generator, n: int, *, slope: float = 1.0, stretch: fl
     # The mean has no frequency, and is left out.
     radius[0, 0] = np.inf
     noise = np.fft.irfft2(spectrum / (radius**slope).astype(np.float32), s=(n, n))
-    result: Tile = (noise / noise.std()).astype(np.float32)
-    return result
+    return (noise / noise.std()).astype(np.float32)
 
 
 class Studio:
@@ -323,5 +321,4 @@ def tinted(color: Color, tone: Array, hue: Array | None = None) -> Tile:
 
 def blend(under: Tile, over: Tile, share: Array) -> Tile:
     """Mix two tiles by the share of the upper one."""
-    result: Tile = under + (over - under) * np.asarray(share, dtype=np.float32)
-    return result
+    return under + (over - under) * np.asarray(share, dtype=np.float32)

@@ -12,7 +12,6 @@ from phasestereo_bench.methods import TRUE_BLUR
 
 Record = Mapping[str, Any]
 
-__all__ = ["KIND", "METRICS", "Cell", "Metric", "Place", "read_cell"]
 
 KIND = "middlebury"
 """The kind of the records that are read here."""

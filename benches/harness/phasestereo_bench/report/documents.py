@@ -19,12 +19,6 @@ from phasestereo_bench.report.tables import Table, mean_table, scene_table
 Maker = Callable[[Results, str], Table]
 Words = Callable[[Results, str], str]
 
-__all__ = [
-    "MARKERS",
-    "document_texts",
-    "fill_places",
-    "small_print",
-]
 
 MARKERS: Mapping[str, tuple[str, Maker, Words]] = MappingProxyType(
     {

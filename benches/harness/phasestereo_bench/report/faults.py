@@ -11,8 +11,6 @@ from phasestereo_bench.report.results import Results
 from phasestereo_bench.report.tables import Entry, Table, figures, means
 from phasestereo_bench.rigs import RIGS
 
-__all__ = ["FAULT_TABLES", "explain_faults", "fault_table"]
-
 
 def fault_table(results: Results, metric: str, *, group: str) -> Table:
     """Return faults of a group x methods: means over the scenes that all methods have."""

@@ -12,8 +12,6 @@ from html import escape
 
 from phasestereo_bench.report.tables import Entry, Table
 
-__all__ = ["fill_markers", "markdown_table", "markdown_text", "marked"]
-
 _MARKER = re.compile(r"<!--[ \t]*/?bench:.*?-->")
 _PLACE = re.compile(
     r"(?P<start><!--[ \t]*bench:(?P<name>\S+)[ \t]*-->)(?:(?!<!--[ \t]*/?bench:).)*"

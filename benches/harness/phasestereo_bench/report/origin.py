@@ -10,8 +10,6 @@ from phasestereo_bench.report.cells import METRICS
 from phasestereo_bench.report.results import Results, knows_blur
 from phasestereo_bench.report.tables import scene_count
 
-__all__ = ["explain", "left_out", "made_with", "origin"]
-
 
 def explain(results: Results, metric: str) -> str:
     """Say what the figures of a table are, and which of them are bold."""

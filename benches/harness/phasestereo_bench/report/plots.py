@@ -17,20 +17,6 @@ from phasestereo_bench.report.cells import METRICS
 from phasestereo_bench.report.results import Results, knows_blur
 from phasestereo_bench.report.tables import groups, means, overall, scene_count
 
-__all__ = [
-    "GRID",
-    "INK",
-    "RIVAL",
-    "SOFT",
-    "Style",
-    "draw_means",
-    "figure_of",
-    "leader",
-    "rule",
-    "save_plot",
-    "styles",
-]
-
 # Okabe and Ito's colors, which the color-blind can distinguish; the blues are ours alone.
 _OURS = ("#0b66c3", "#56b4e9", "#0a2f66", "#7d9bd1")
 _OTHERS = ("#d55e00", "#e69f00", "#009e73", "#cc79a7", "#777777", "#a6761d", "#000000")

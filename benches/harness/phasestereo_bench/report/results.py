@@ -21,8 +21,6 @@ from phasestereo_bench.store import read_store
 Environments = Mapping[str, Mapping[str, Any]]
 Natural = list[tuple[int, str]]
 
-__all__ = ["Results", "knows_blur", "read_results", "results_of"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Results:

@@ -15,15 +15,6 @@ from phasestereo_bench.report.results import Results
 from phasestereo_bench.report.sizes import explain_sizes, size_table
 from phasestereo_bench.report.tables import Entry, Table, figures, means, place_names
 
-__all__ = [
-    "explain_v2",
-    "explain_v3",
-    "sharp_tables",
-    "two_table",
-    "v2_table",
-    "v3_table",
-]
-
 _V2_SCENES = ("scenes2001/tsukuba", "scenes2001/venus", "scenes2003/teddy", "scenes2003/cones")
 _REGIONS = ("v2.nonocc", "v2.all", "v2.disc")
 _V3 = {

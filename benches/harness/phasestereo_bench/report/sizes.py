@@ -13,8 +13,6 @@ from typing import NamedTuple
 from phasestereo_bench.report.cells import METRICS, Cell
 from phasestereo_bench.report.tables import MISSING, Entry, Table
 
-__all__ = ["SIZES", "Size", "explain_sizes", "size_table"]
-
 
 class Size(NamedTuple):
     """One size of the pairs: what to call it, and its metric that is the official bad-2.0."""

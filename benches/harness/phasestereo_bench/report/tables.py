@@ -17,24 +17,6 @@ from phasestereo_bench.cases import SUITE_SCENES, SUITES
 from phasestereo_bench.report.cells import METRICS, Metric, Place
 from phasestereo_bench.report.results import Results, knows_blur
 
-__all__ = [
-    "MISSING",
-    "MOST_COLUMNS",
-    "Entry",
-    "Means",
-    "Table",
-    "blurs",
-    "cost_table",
-    "figures",
-    "groups",
-    "mean_table",
-    "means",
-    "overall",
-    "place_names",
-    "scene_count",
-    "scene_table",
-]
-
 MISSING = "-"
 
 MOST_COLUMNS = 12

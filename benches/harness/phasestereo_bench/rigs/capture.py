@@ -12,12 +12,10 @@ from functools import wraps
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from phasestereo._extras import require
+from phasestereo_bench.arrays import Image
 from phasestereo_bench.degradation import quantize
-
-Image = NDArray[np.uint8]
 
 INFRARED = (0.9, 0.6, -0.5)
 """Shares of red, green and blue in what a camera without its filter sees, about."""

@@ -12,9 +12,9 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 
+from phasestereo_bench.arrays import Image, Plane
 from phasestereo_bench.datasets import Pair
 from phasestereo_bench.degradation import convolve, disk_psf, gaussian_psf, quantize
 from phasestereo_bench.rigs.capture import in_color, opencv, pale
@@ -22,9 +22,6 @@ from phasestereo_bench.rigs.depth import filled, seen_from_right
 from phasestereo_bench.rigs.fault import Both, Step
 from phasestereo_bench.rigs.geometry import Bent
 from phasestereo_bench.rigs.sensor import jpeg, noise, photons
-
-Image = NDArray[np.uint8]
-Plane = NDArray[np.float64]
 
 WATER = np.array([175, 238, 238])  # pale turquoise
 FOG, HAZINESS = 230.0, 1.0  # gray level; exponent of the farthest

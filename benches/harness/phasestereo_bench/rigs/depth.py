@@ -8,15 +8,13 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from phasestereo_bench.arrays import Image, Plane
 from phasestereo_bench.datasets import Pair
 from phasestereo_bench.degradation import convolve, disk_psf, quantize
 from phasestereo_bench.rigs.fault import SEEDS
 from phasestereo_bench.rigs.geometry import sampled
 from phasestereo_bench.rigs.optics import BLURRED_NOISE
 from phasestereo_bench.rigs.sensor import noise
-
-Image = NDArray[np.uint8]
-Plane = NDArray[np.float64]
 
 _LAYERS = 12
 _SHARP = 0.5  # px: a smaller disk is ignored

@@ -10,12 +10,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TypeAlias
 
-import numpy as np
-from numpy.typing import NDArray
-
+from phasestereo_bench.arrays import Image
 from phasestereo_bench.datasets import Pair, Scene
-
-Image = NDArray[np.uint8]
 
 Spoiler: TypeAlias = Callable[["Image", int], "Image"]
 """What spoils one image: called with it and a seed, it returns one of the same shape and type."""

@@ -15,10 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from phasestereo_bench.arrays import Plane
 from phasestereo_bench.datasets import Pair
 from phasestereo_bench.degradation import quantize
-
-Plane = NDArray[np.float64]
 
 _WAVES = 1.5  # of a rolling shutter that shakes, over the height of the image
 _ROUNDS = 16  # of the fixed point; each leaves at most 6 % of what the one before left

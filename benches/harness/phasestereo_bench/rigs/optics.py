@@ -9,13 +9,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
+from phasestereo_bench.arrays import Image, Plane
 from phasestereo_bench.degradation import convolve, disk_psf, motion_psf, quantize
 from phasestereo_bench.rigs.sensor import noise
-
-Image = NDArray[np.uint8]
-Plane = NDArray[np.float64]
 
 BLURRED_NOISE = 1.0  # gray levels of noise after a blur, as in the suite "one-sided-blur"
 DROP_BLUR = 7.0  # px: radius of the disk through which a drop of rain shows the scene

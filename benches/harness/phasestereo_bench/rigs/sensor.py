@@ -14,9 +14,8 @@ import numpy as np
 import PIL.Image
 from numpy.typing import NDArray
 
+from phasestereo_bench.arrays import Image
 from phasestereo_bench.degradation import quantize
-
-Image = NDArray[np.uint8]
 
 READ_NOISE = 2.0  # gray levels: what a sensor adds to any number of photons
 COLUMN_STEP = 40  # px from one dead column to the next; the first is at half of it

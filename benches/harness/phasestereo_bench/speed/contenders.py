@@ -43,21 +43,18 @@ def _ours_once(preset: str, num_disparities: int, threads: int | None) -> Call:
 
 
 def _bm(num_disparities: int, _threads: int | None) -> Call:
-    call: Call = create_bm(num_disparities).compute
-    return call
+    return create_bm(num_disparities).compute
 
 
 def _bm_unchecked(num_disparities: int, _threads: int | None) -> Call:
     matcher = create_bm(num_disparities)
     matcher.setUniquenessRatio(0)
     matcher.setTextureThreshold(0)
-    call: Call = matcher.compute
-    return call
+    return matcher.compute
 
 
 def _sgbm_3way(num_disparities: int, _threads: int | None) -> Call:
-    call: Call = create_sgbm(num_disparities, "STEREO_SGBM_MODE_SGBM_3WAY", channels=1).compute
-    return call
+    return create_sgbm(num_disparities, "STEREO_SGBM_MODE_SGBM_3WAY", channels=1).compute
 
 
 CONTENDERS: Mapping[str, Callable[[int, int | None], Call]] = MappingProxyType(

@@ -20,14 +20,11 @@ from PIL import Image as Pillow
 from phasestereo import match
 from phasestereo.io import read_image
 from phasestereo.rig.findings import unwarned
+from phasestereo_bench.arrays import Floats, Image, Mask
 from phasestereo_bench.datasets import Pair, Scene, find_scenes
 from phasestereo_bench.degradation import Degradation
 from phasestereo_bench.rendering import ROOMS, RoomKind, render_room
 from phasestereo_bench.surfaces.measures import gray_of, kinds_of_pixels
-
-Image = NDArray[np.uint8]
-Floats = NDArray[np.floating[Any]]
-Mask = NDArray[np.bool_]
 
 UPSAMPLED = frozenset(
     f"{collection}/{scene}"
@@ -94,8 +91,7 @@ class View:
     def seen(self, disparity: Floats) -> Floats:
         """Return the map at the scale of the view."""
         first = self.every // 2
-        found: Floats = disparity[first :: self.every, first :: self.every] / self.every
-        return found
+        return disparity[first :: self.every, first :: self.every] / self.every
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -333,8 +329,7 @@ def _fitted(folder: Path, left: Image, right: Image, levels: NDArray[Any]) -> Fl
         off = np.abs(slope * x + offset - y)
         keep = off < max(_FIT_LEAST, 2 * float(np.median(off)))
 
-    fitted: Floats = np.where(levels > 0, slope * levels + offset, np.nan)
-    return fitted
+    return np.where(levels > 0, slope * levels + offset, np.nan)
 
 
 def _quarter(image: Image) -> Image:

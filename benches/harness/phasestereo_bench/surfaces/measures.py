@@ -13,10 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from phasestereo_bench.arrays import Floats, Mask
 from phasestereo_bench.rendering.casting import near_jumps
-
-Floats = NDArray[np.floating[Any]]
-Mask = NDArray[np.bool_]
 
 KINDS = ("all", "plain", "flat", "slanted", "edge", "thin", "curved")
 """All pixels that count; of these the ones without texture; and apart from one another: flat and
@@ -118,8 +116,7 @@ def gray_of(image: NDArray[Any]) -> NDArray[np.float64]:
 def _thin(truth: Floats) -> Mask:
     """Return the mask of things narrower than a share of the image, in front of both sides."""
     most = max(round(THIN_SHARE * truth.shape[1]), 1)
-    thin: Mask = _narrow(truth, most) | _narrow(truth.T, most).T
-    return thin
+    return _narrow(truth, most) | _narrow(truth.T, most).T
 
 
 def _narrow(truth: Floats, most: int) -> Mask:
@@ -167,5 +164,4 @@ def _plain(gray: Floats) -> Mask:
 
     # Of the median of what a Laplacian leaves, whose standard deviation is sqrt(20) that of noise.
     noise = float(np.median(np.abs(ndimage.laplace(gray)))) / (0.6745 * np.sqrt(20))
-    plain: Mask = deviation < PLAIN + PLAIN_NOISE * noise
-    return plain
+    return deviation < PLAIN + PLAIN_NOISE * noise

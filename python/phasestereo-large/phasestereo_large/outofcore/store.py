@@ -336,5 +336,4 @@ def _write(file: BinaryIO, arrays: Arrays) -> None:
 
 def _read(path: Path, name: str) -> NDArray[Any]:
     with np.load(path, allow_pickle=False) as arrays:
-        found: NDArray[Any] = arrays[name]
-        return found
+        return arrays[name]

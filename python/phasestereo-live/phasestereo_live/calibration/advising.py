@@ -27,8 +27,7 @@ def coverage(places: Iterable[NDArray[np.float64]], size: tuple[int, int]) -> ND
     counted = np.histogram2d(
         every[:, 1], every[:, 0], bins=CELLS, range=((0, size[1]), (0, size[0]))
     )[0]
-    whole: NDArray[np.int64] = counted.astype(np.int64)
-    return whole
+    return counted.astype(np.int64)
 
 
 def advice(

@@ -110,8 +110,7 @@ class Board:
         until = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 50, 1e-4)
         start = grid.reshape(-1, 1, 2).astype(np.float32)
         found = cv2.cornerSubPix(image, start, (half, half), (-1, -1), until)
-        made: NDArray[np.float64] = found.reshape(grid.shape).astype(np.float64)
-        return made
+        return found.reshape(grid.shape).astype(np.float64)
 
     def is_mirrored(self, image: NDArray[np.uint8]) -> bool:
         """Return whether a picture shows a mirrored board, which only markers reveal."""

@@ -18,8 +18,6 @@ from phasestereo.io.files import StrPath
 from phasestereo.views.templating import check_page_path, render_page
 from phasestereo_live.calibration import StereoCalibration
 
-__all__ = ["distances_of", "write_calibration_page"]
-
 _NEAREST, _FARTHEST = 5, 400  # baselines, that the plot reaches from and to
 _SAMPLES = 60
 _WIDTH, _HEIGHT = 600, 300  # of the plot
@@ -137,8 +135,7 @@ def _plot(found: StereoCalibration) -> dict[str, Any]:
     def place(values: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
         low, high = ends[axis]
         share = (np.log10(np.maximum(values, 1e-300)) - low) / (high - low)
-        at: NDArray[np.float64] = _HEIGHT * (1 - share) if axis else _WIDTH * share
-        return at
+        return _HEIGHT * (1 - share) if axis else _WIDTH * share
 
     lines = {
         name: " ".join(

@@ -238,8 +238,7 @@ class StereoCalibration:
             slope = gradients[..., which]
             cover = self.covariance[np.ix_(which, which)]
             variance = np.einsum("npi,ij,npj->np", slope, cover, slope)
-            made: Matrix = np.sqrt(np.maximum(variance.mean(axis=1), 0))
-            return made
+            return np.sqrt(np.maximum(variance.mean(axis=1), 0))
 
         calibrated = part(range(2 * one + 6))
         total = np.hypot(by_disparity, calibrated)
@@ -318,5 +317,4 @@ def _triangulated(matrices: dict[str, Matrix], left: Matrix, right: Matrix, lens
     # Z (R a) + T lies along b: both cross products with b are opposite.
     across = np.cross(rays[0] @ matrices["R"].T, rays[1])
     moved = np.cross(matrices["T"].ravel(), rays[1])
-    depths: Matrix = -np.sum(moved * across, axis=1) / np.sum(across**2, axis=1)
-    return depths
+    return -np.sum(moved * across, axis=1) / np.sum(across**2, axis=1)

@@ -114,8 +114,7 @@ def _name(image: ImageOrPath, otherwise: str) -> str:
 
 def _gray(image: ArrayLike) -> Gray:
     cv2 = require("cv2", extra="rectify")
-    gray: Gray = cv2.cvtColor(as_rgb8(as_pixels(image, "image")).copy(), cv2.COLOR_RGB2GRAY)
-    return gray
+    return cv2.cvtColor(as_rgb8(as_pixels(image, "image")).copy(), cv2.COLOR_RGB2GRAY)
 
 
 def _of_video(left: Path, right: Path | None, layout: Layout, finds: Finds) -> Iterator[Shot]:
@@ -224,8 +223,7 @@ def _pose(places: NDArray[np.float64]) -> NDArray[np.float64]:
 def _small(image: Gray) -> Gray:
     cv2 = require("cv2", extra="rectify")
     scale = min(_SMALL / image.shape[1], 1.0)
-    made: Gray = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-    return made
+    return cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
 
 
 def _motion(now: Gray, then: Gray, places: NDArray[np.float64]) -> float:

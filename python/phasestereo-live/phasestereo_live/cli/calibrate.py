@@ -15,8 +15,7 @@ from phasestereo.cli.errors import WRONG_USAGE, CommandError, claim, refusals
 from phasestereo.cli.terminal import print_json, print_lines
 from phasestereo.io.files import target_of
 from phasestereo.io.pair import Layout
-from phasestereo_live.calibration import StereoCalibration
-from phasestereo_live.calibration import calibrate as calibrate_pair
+from phasestereo_live.calibration import StereoCalibration, calibrate as calibrate_pair
 from phasestereo_live.calibration.page import distances_of, write_calibration_page
 
 _METERS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254}

@@ -126,8 +126,7 @@ def _projected(left: Matrix, right: Matrix, **more: Any) -> Cameras:
 
 
 def _row(document: Document, name: str, *shape: int) -> Matrix:
-    found: Matrix = numbers(str(document[name]).split(), name).reshape(*shape)
-    return found
+    return numbers(str(document[name]).split(), name).reshape(*shape)
 
 
 def _of_kitti(document: Document) -> Cameras:

@@ -133,10 +133,7 @@ def _checked(name: str, value: Any, *, fisheye: bool) -> Matrix:
     # A rotation may be given as a vector, after Rodrigues.
     if name in ("R", "T") and matrix.size == 3:
         column = matrix.reshape(3, 1)
-        turned: Matrix = (
-            column if name == "T" else require("cv2", extra="rectify").Rodrigues(column)[0]
-        )
-        return turned
+        return column if name == "T" else require("cv2", extra="rectify").Rodrigues(column)[0]
 
     if matrix.shape != (shape := _SHAPES.get(name[0], (3, 1))):
         raise ValueError(f"{name}: got shape {matrix.shape}; accepts {shape}")

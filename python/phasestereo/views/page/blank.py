@@ -12,8 +12,6 @@ from phasestereo.result import Flag, Result
 from phasestereo.settings import Settings
 from phasestereo.views.page import facts, layers
 
-__all__ = ["blank_viewer", "viewer_script"]
-
 _PARTS = "data", "stage", "viewer", "readout", "measure", "scene", "results"
 """Scripts shared with the report page, and the script that takes a result."""
 

@@ -15,7 +15,6 @@ from phasestereo._extras import require
 
 Picture = NDArray[np.uint8]
 
-__all__ = ["Coding", "coding_of", "packed", "photograph_uri", "picture_uri"]
 
 _NONE = 2**16 - 1  # code of no disparity
 _FINEST = 1 / 128  # pixels

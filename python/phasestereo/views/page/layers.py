@@ -24,17 +24,6 @@ from phasestereo.views.picture import (
     longest,
 )
 
-__all__ = [
-    "FLAGS",
-    "FlagKind",
-    "Layer",
-    "arrays_of",
-    "codings_of",
-    "flag_kinds",
-    "layers_of",
-    "views",
-]
-
 _WORST = 4.0  # error in pixels from which on the color is the darkest
 
 # Colors that differ to people with any color vision (after Okabe and Ito), and what to say.

@@ -31,8 +31,6 @@ from phasestereo.views.page.embedding import photograph_uri
 from phasestereo.views.page.scene import ScenePoints, scene_points
 from phasestereo.views.templating import check_page_path, render_page
 
-__all__ = ["require_page", "write_pair_page"]
-
 MOST_PIXELS = 2_100_000
 """Maps of more pixels, that is beyond Full HD, are thinned out: a page has to open at once."""
 

@@ -11,8 +11,6 @@ from phasestereo._images import Map
 from phasestereo.io import Calibration
 from phasestereo.views.depths import Ranging
 
-__all__ = ["ScenePoints", "described", "scene_points"]
-
 _FAR = 1.5  # depths beyond this multiple of the 90th percentile are left out: they dwarf the rest
 
 
