@@ -74,6 +74,39 @@ OTHERS = {
 """The commands of our other distributions: their help, which imports none of them, and what pip
 installs them by."""
 
+OURS = {
+    "check": (
+        "phasestereo.cli.check:check",
+        "Diagnose a stereo pair: what keeps it from being matched well.\n\n"
+        "The exit code is 0 whatever is found, unless --strict is given.",
+    ),
+    "verify": (
+        "phasestereo.cli.verify:verify",
+        "Judge a disparity map of any origin by the images that it is of.",
+    ),
+    "prepare": (
+        "phasestereo.cli.prepare:prepare",
+        "Prepare a pair for another matcher: rectified, rows aligned, equally sharp and bright.",
+    ),
+    "restore": (
+        "phasestereo.cli.prepare:restore",
+        "Bring a map of a prepared pair back into the left image as it came.",
+    ),
+    "rectify": (
+        "phasestereo.cli.rectify:rectify",
+        "Rectify a stereo pair, by a calibration or from the images alone.",
+    ),
+    "doctor": (
+        "phasestereo.cli.doctor:doctor",
+        "Say what is installed here, how fast it is, and whether its results are right.",
+    ),
+    "try": (
+        "phasestereo.cli.trying:try_it",
+        "Match a pair that is made here, its left image out of focus, and open the page of it.",
+    ),
+}
+"""The commands that are imported only when they are called: where they are, and their help."""
+
 app = App(
     name="phasestereo",
     help=_HELP,
@@ -83,42 +116,9 @@ app = App(
     default_parameter=Parameter(negative_iterable=()),
 )
 app.command(match.match)
-app.command(
-    "phasestereo.cli.check:check",
-    name="check",
-    help="Diagnose a stereo pair: what keeps it from being matched well.\n\n"
-    "The exit code is 0 whatever is found, unless --strict is given.",
-)
-app.command(
-    "phasestereo.cli.verify:verify",
-    name="verify",
-    help="Judge a disparity map of any origin by the images that it is of.",
-)
-app.command(
-    "phasestereo.cli.prepare:prepare",
-    name="prepare",
-    help="Prepare a pair for another matcher: rectified, rows aligned, equally sharp and bright.",
-)
-app.command(
-    "phasestereo.cli.prepare:restore",
-    name="restore",
-    help="Bring a map of a prepared pair back into the left image as it came.",
-)
-app.command(
-    "phasestereo.cli.rectify:rectify",
-    name="rectify",
-    help="Rectify a stereo pair, by a calibration or from the images alone.",
-)
-app.command(
-    "phasestereo.cli.doctor:doctor",
-    name="doctor",
-    help="Say what is installed here, how fast it is, and whether its results are right.",
-)
-app.command(
-    "phasestereo.cli.trying:try_it",
-    name="try",
-    help="Match a pair that is made here, its left image out of focus, and open the page of it.",
-)
+for _name, (_place, _text) in OURS.items():
+    # Imported only when it is called, for the sake of the others.
+    app.command(_place, name=_name, help=_text)
 
 
 def _add_commands_of_others() -> None:
@@ -127,7 +127,6 @@ def _add_commands_of_others() -> None:
     for name in OTHERS | found:
         text, requirement = OTHERS.get(name, (None, ""))
         if name in found:
-            # Imported only when it is called, for the sake of the others.
             app.command(found[name], name=name, help=text)
         else:
             note = f"{text}\n\nNot installed; it comes with: pip install {requirement}"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from cyclopts import App, Parameter
 
 from phasestereo_bench.cli import (
@@ -26,17 +28,21 @@ app = App(
     help_format="markdown",
     default_parameter=Parameter(negative_iterable=()),
 )
-app.command(bench_paper.paper)
-app.command(bench_middlebury.middlebury)
-app.command(bench_blur.blur)
-app.command(bench_compare.compare)
-app.command(bench_confidence.confidence)
-app.command(bench_range.range_, name="range")
-app.command(bench_recordings.recordings)
-app.command(bench_speed.speed)
-app.command(bench_submit.submit)
-app.command(bench_surfaces.surfaces)
-app.command(bench_video.video)
-app.command(bench_verify.verify)
-app.command(bench_report.report)
-app.command(bench_all.tables)
+_COMMANDS: dict[str, Callable[..., None]] = {
+    "paper": bench_paper.paper,
+    "middlebury": bench_middlebury.middlebury,
+    "blur": bench_blur.blur,
+    "compare": bench_compare.compare,
+    "confidence": bench_confidence.confidence,
+    "range": bench_range.range_,
+    "recordings": bench_recordings.recordings,
+    "speed": bench_speed.speed,
+    "submit": bench_submit.submit,
+    "surfaces": bench_surfaces.surfaces,
+    "video": bench_video.video,
+    "verify": bench_verify.verify,
+    "report": bench_report.report,
+    "tables": bench_all.tables,
+}
+for _name, _command in _COMMANDS.items():
+    app.command(_command, name=_name)

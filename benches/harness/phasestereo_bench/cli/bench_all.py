@@ -13,12 +13,12 @@ from phasestereo_bench.cases import require_known
 from phasestereo_bench.cli.bench_middlebury import rivals
 from phasestereo_bench.cli.bench_runs import RunOptions, require_done
 from phasestereo_bench.cli.bench_speed import speed_suite
+from phasestereo_bench.cli.parameters import SEVERAL, Flag, Names, Natural, Output
 from phasestereo_bench.report.documents import fill_places
 from phasestereo_bench.report.markdown import marked
 from phasestereo_bench.tables import export, job_groups, table_texts
 from phasestereo_bench.tables.plan import HITNET
 
-_SEVERAL = Parameter(consume_multiple=True, show_default=False)
 _OPTIONS = {"hitnet", "method", "only"}
 
 
@@ -27,14 +27,14 @@ def tables(
     /,
     *,
     hitnet: Path | None = None,
-    readme: Annotated[tuple[Path, ...], _SEVERAL] = (),
+    readme: Annotated[tuple[Path, ...], SEVERAL] = (),
     export_to: Annotated[Path | None, Parameter(name="--export")] = None,
-    output: Annotated[Path, Parameter(alias="-o")] = Path("tables"),
+    output: Output = Path("tables"),
     workers: Annotated[int | None, Parameter(validator=validators.Number(gte=0))] = None,
-    speed_rounds: Annotated[int, Parameter(validator=validators.Number(gte=0))] = 5,
-    only: Annotated[tuple[str, ...], _SEVERAL] = (),
-    quick: Annotated[bool, Parameter(negative=(), show_default=False)] = False,
-    fresh: Annotated[bool, Parameter(negative=(), show_default=False)] = False,
+    speed_rounds: Natural = 5,
+    only: Names = (),
+    quick: Flag = False,
+    fresh: Flag = False,
 ) -> None:
     """Make every table of the documentation: all suites, real rigs, times; in an hour.
 

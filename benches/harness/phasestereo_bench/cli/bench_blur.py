@@ -5,27 +5,24 @@
 from pathlib import Path
 from typing import Annotated
 
-from cyclopts import Group, Parameter, validators
+from cyclopts import Parameter
 
 from phasestereo.cli.errors import refusals
 from phasestereo_bench.blur import blur_jobs, blur_table, explain_blur
 from phasestereo_bench.cli.bench_runs import AS_USUAL, RunOptions, Suite
-from phasestereo_bench.cli.bench_scenes import SceneChoice
+from phasestereo_bench.cli.bench_scenes import ALL, SceneChoice
+from phasestereo_bench.cli.parameters import RUN, SCENES, Folders, Positive, RecordsFile
 
 _OPTIONS = {"scene", "every"}
-_SCENES = Group.create_ordered("Scenes")
-_RUN = Group.create_ordered("Run")
 _SUITE = "one-sided-blur"
-_STEP = validators.Number(gte=1)
-_ALL = SceneChoice()
 
 
 def blur(
-    *folders: Annotated[Path, Parameter(group=_SCENES)],
-    choice: Annotated[SceneChoice, Parameter(name="*", group=_SCENES)] = _ALL,
-    every: Annotated[int, Parameter(group=_RUN, validator=_STEP)] = 1,
-    output: Annotated[Path, Parameter(alias="-o", group=_RUN)] = Path("blur.jsonl"),
-    running: Annotated[RunOptions, Parameter(name="*", group=_RUN)] = AS_USUAL,
+    *folders: Folders,
+    choice: Annotated[SceneChoice, Parameter(name="*", group=SCENES)] = ALL,
+    every: Annotated[Positive, Parameter(group=RUN)] = 1,
+    output: RecordsFile = Path("blur.jsonl"),
+    running: Annotated[RunOptions, Parameter(name="*", group=RUN)] = AS_USUAL,
 ) -> None:
     """Blur Middlebury pairs by known kernels, and check whether that blur is found.
 

@@ -3,12 +3,10 @@
 # No `from __future__ import annotations`: the command line is made of these annotations.
 
 from pathlib import Path
-from typing import Annotated
-
-from cyclopts import Parameter
 
 from phasestereo.cli.errors import refusals
 from phasestereo.cli.terminal import say
+from phasestereo_bench.cli.parameters import Output
 from phasestereo_bench.report.documents import fill_places
 from phasestereo_bench.tables.comparison import (
     comparison_text,
@@ -21,7 +19,7 @@ def compare(
     numbers: Path,
     /,
     *,
-    output: Annotated[Path, Parameter(alias="-o")] = Path("compare"),
+    output: Output = Path("compare"),
     readme: Path | None = None,
 ) -> None:
     """Compare ours with others: errors against time, by fault, by kind of pixel.

@@ -6,12 +6,13 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
 
-from cyclopts import Group, Parameter, validators
+from cyclopts import Parameter
 
 from phasestereo.cli.errors import refusals
 from phasestereo_bench.cli.bench_middlebury import rivals
 from phasestereo_bench.cli.bench_runs import AS_USUAL, Records, RunOptions, Suite
-from phasestereo_bench.cli.bench_scenes import SceneChoice
+from phasestereo_bench.cli.bench_scenes import ALL, SceneChoice
+from phasestereo_bench.cli.parameters import RUN, SCENES, Folders, Positive, RecordsFile
 from phasestereo_bench.confidence import (
     OFTEN,
     claim_jobs,
@@ -29,22 +30,18 @@ from phasestereo_bench.confidence.observation import PRESETS
 from phasestereo_bench.report.tables import Table
 
 _OPTIONS = {"scene", "every", "weights", "hitnet"}
-_SCENES = Group.create_ordered("Scenes")
-_RUN = Group.create_ordered("Run")
-_STEP = validators.Number(gte=1)
-_ALL = SceneChoice()
 _METHODS = "opencv:sgbm", "prepared:sgbm", "fast"
 
 
 def confidence(
-    *folders: Annotated[Path, Parameter(group=_SCENES)],
-    choice: Annotated[SceneChoice, Parameter(name="*", group=_SCENES)] = _ALL,
-    of: Annotated[Literal["matches", "maps"], Parameter(group=_SCENES)] = "matches",
-    hitnet: Annotated[Path | None, Parameter(group=_SCENES)] = None,
-    every: Annotated[int, Parameter(group=_RUN, validator=_STEP)] = 1,
-    output: Annotated[Path, Parameter(alias="-o", group=_RUN)] = Path("confidence.jsonl"),
-    weights: Annotated[Path | None, Parameter(group=_RUN)] = None,
-    running: Annotated[RunOptions, Parameter(name="*", group=_RUN)] = AS_USUAL,
+    *folders: Folders,
+    choice: Annotated[SceneChoice, Parameter(name="*", group=SCENES)] = ALL,
+    of: Annotated[Literal["matches", "maps"], Parameter(group=SCENES)] = "matches",
+    hitnet: Annotated[Path | None, Parameter(group=SCENES)] = None,
+    every: Annotated[Positive, Parameter(group=RUN)] = 1,
+    output: RecordsFile = Path("confidence.jsonl"),
+    weights: Annotated[Path | None, Parameter(group=RUN)] = None,
+    running: Annotated[RunOptions, Parameter(name="*", group=RUN)] = AS_USUAL,
 ) -> None:
     """Learn what raw confidences mean, from pairs that are spoiled in many ways.
 

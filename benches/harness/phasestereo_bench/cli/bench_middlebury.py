@@ -7,14 +7,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
-from cyclopts import Group, Parameter
+from cyclopts import Parameter
 
 from phasestereo.cli.errors import refusals
 from phasestereo.cli.terminal import say
 from phasestereo_bench.cases import SUITES
 from phasestereo_bench.cli.bench_report import show_results
 from phasestereo_bench.cli.bench_runs import AS_USUAL, RunOptions, require_done
-from phasestereo_bench.cli.bench_scenes import SceneChoice
+from phasestereo_bench.cli.bench_scenes import ALL, SceneChoice
+from phasestereo_bench.cli.parameters import CELLS, RUN, SCENES, Flag, Folders, Names, RecordsFile
 from phasestereo_bench.methods import method as method_of, present
 from phasestereo_bench.middlebury import default_methods, middlebury_jobs
 from phasestereo_bench.report.results import results_of
@@ -22,25 +23,20 @@ from phasestereo_bench.rigs import QUICK_SCENES
 from phasestereo_bench.store import read_store
 
 _OPTIONS = {"suite", "degradation", "side", "method", "hitnet", "scene"}
-_SEVERAL = Parameter(consume_multiple=True, show_default=False)
-_SCENES = Group.create_ordered("Scenes")
-_CELLS = Group.create_ordered("Degradations and methods")
-_RUN = Group.create_ordered("Run")
 _SUITE_HELP = f"Which degradations: {', '.join(SUITES)}."
-_ALL = SceneChoice()
 
 
 def middlebury(
-    *folders: Annotated[Path, Parameter(group=_SCENES)],
-    choice: Annotated[SceneChoice, Parameter(name="*", group=_SCENES)] = _ALL,
-    suite: Annotated[str, Parameter(group=_CELLS, help=_SUITE_HELP)] = "one-sided-blur",
-    degradation: Annotated[tuple[str, ...], _SEVERAL, Parameter(group=_CELLS)] = (),
-    side: Annotated[tuple[str, ...], _SEVERAL, Parameter(group=_CELLS)] = (),
-    method: Annotated[tuple[str, ...], _SEVERAL, Parameter(group=_CELLS)] = (),
-    hitnet: Annotated[Path | None, Parameter(group=_CELLS)] = None,
-    quick: Annotated[bool, Parameter(negative=(), show_default=False, group=_SCENES)] = False,
-    output: Annotated[Path, Parameter(alias="-o", group=_RUN)] = Path("results.jsonl"),
-    running: Annotated[RunOptions, Parameter(name="*", group=_RUN)] = AS_USUAL,
+    *folders: Folders,
+    choice: Annotated[SceneChoice, Parameter(name="*", group=SCENES)] = ALL,
+    suite: Annotated[str, Parameter(group=CELLS, help=_SUITE_HELP)] = "one-sided-blur",
+    degradation: Annotated[Names, Parameter(group=CELLS)] = (),
+    side: Annotated[Names, Parameter(group=CELLS)] = (),
+    method: Annotated[Names, Parameter(group=CELLS)] = (),
+    hitnet: Annotated[Path | None, Parameter(group=CELLS)] = None,
+    quick: Annotated[Flag, Parameter(group=SCENES)] = False,
+    output: RecordsFile = Path("results.jsonl"),
+    running: Annotated[RunOptions, Parameter(name="*", group=RUN)] = AS_USUAL,
 ) -> None:
     """Score matchers on Middlebury pairs of which one image is degraded.
 

@@ -3,13 +3,11 @@
 # No `from __future__ import annotations`: the command line is made of these annotations.
 
 from pathlib import Path
-from typing import Annotated
-
-from cyclopts import Parameter
 
 from phasestereo.cli.errors import refusals
 from phasestereo.cli.terminal import progress_bar, say
 from phasestereo_bench.cli.bench_tables import show
+from phasestereo_bench.cli.parameters import Flag, Output
 from phasestereo_bench.paper import claims_table, judge_claims, load_pairs, run_study, write_study
 
 
@@ -17,9 +15,9 @@ def paper(
     folder: Path,
     /,
     *,
-    output: Annotated[Path, Parameter(alias="-o")] = Path("paper"),
+    output: Output = Path("paper"),
     workers: int | None = None,
-    quick: Annotated[bool, Parameter(negative=(), show_default=False)] = False,
+    quick: Flag = False,
 ) -> None:
     """Run the experiments of the paper, and put its claims beside what comes out.
 

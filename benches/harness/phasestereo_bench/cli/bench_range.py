@@ -12,8 +12,9 @@ from cyclopts import Parameter
 from phasestereo.cli.errors import refusals
 from phasestereo.cli.terminal import progress_bar
 from phasestereo_bench.cases import require_known
-from phasestereo_bench.cli.bench_scenes import SceneChoice
+from phasestereo_bench.cli.bench_scenes import ALL, SceneChoice
 from phasestereo_bench.cli.bench_tables import show
+from phasestereo_bench.cli.parameters import Flag, Names
 from phasestereo_bench.ranges import (
     KINDS,
     Comparison,
@@ -25,15 +26,12 @@ from phasestereo_bench.ranges import (
     search,
 )
 
-_SEVERAL = Parameter(consume_multiple=True, show_default=False)
-_ALL = SceneChoice()
-
 
 def range_(
     *folders: Path,
-    choice: Annotated[SceneChoice, Parameter(name="*")] = _ALL,
-    kind: Annotated[tuple[str, ...], _SEVERAL] = (),
-    held: Annotated[bool, Parameter(negative=(), show_default=False)] = False,
+    choice: Annotated[SceneChoice, Parameter(name="*")] = ALL,
+    kind: Names = (),
+    held: Flag = False,
     told: Annotated[bool, Parameter(negative=())] = True,
 ) -> None:
     """Check whether the range is found where none is given.

@@ -10,18 +10,17 @@ from cyclopts import Parameter
 from phasestereo.cli.errors import refusals
 from phasestereo_bench.cli.bench_middlebury import rivals
 from phasestereo_bench.cli.bench_runs import AS_USUAL, RunOptions, Suite
+from phasestereo_bench.cli.parameters import Names, Output
 from phasestereo_bench.real import find_recording, recording_jobs
 from phasestereo_bench.tables.plan import TIMED
 from phasestereo_bench.tables.recorded import agreement_table, rows_table
 
-_SEVERAL = Parameter(consume_multiple=True, show_default=False)
-
 
 def recordings(
     *folders: Path,
-    method: Annotated[tuple[str, ...], _SEVERAL] = (),
+    method: Names = (),
     hitnet: Path | None = None,
-    output: Annotated[Path, Parameter(alias="-o")] = Path("recordings.jsonl"),
+    output: Output = Path("recordings.jsonl"),
     running: Annotated[RunOptions, Parameter(name="*")] = AS_USUAL,
 ) -> None:
     """Score matchers on raw frames of real rigs, whose depth nobody knows.

@@ -10,6 +10,7 @@ from cyclopts import Parameter
 
 from phasestereo.cli.errors import refusals
 from phasestereo_bench.cli.bench_tables import show
+from phasestereo_bench.cli.parameters import Names
 from phasestereo_bench.report import read_results
 from phasestereo_bench.report.cells import KIND, METRICS
 from phasestereo_bench.report.origin import explain, origin
@@ -20,14 +21,13 @@ from phasestereo_bench.report.tables import cost_table, mean_table
 from phasestereo_bench.store import read_store
 
 _OPTIONS = {"metric", "method", "suite", "side", "output"}
-_SEVERAL = Parameter(consume_multiple=True, show_default=False)
 
 
 def report(
     *results: Path,
     output: Annotated[Path | None, Parameter(alias="-o")] = None,
     metric: str = "v2.nonocc",
-    method: Annotated[tuple[str, ...], _SEVERAL] = (),
+    method: Names = (),
     suite: str | None = None,
     side: str | None = None,
 ) -> None:

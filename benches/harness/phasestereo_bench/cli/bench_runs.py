@@ -13,6 +13,7 @@ from cyclopts import Parameter, validators
 from phasestereo.cli.errors import CommandError
 from phasestereo.cli.terminal import progress_bar, say
 from phasestereo_bench.cli.bench_tables import show
+from phasestereo_bench.cli.parameters import Flag
 from phasestereo_bench.environment import describe_environment
 from phasestereo_bench.report.tables import Table
 from phasestereo_bench.runner import Job, finished, run_jobs
@@ -67,7 +68,7 @@ class RunOptions:
     """
 
     workers: Annotated[int | None, Parameter(validator=validators.Number(gte=0))] = None
-    fresh: Annotated[bool, Parameter(negative=(), show_default=False)] = False
+    fresh: Flag = False
 
     def run(
         self, jobs: Sequence[Job], output: Path, *, cells: str, title: str = "Matching"

@@ -6,16 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Annotated
-
-from cyclopts import Parameter
 
 from phasestereo.cli.terminal import say
 from phasestereo_bench.cases import SUITE_SCENES
+from phasestereo_bench.cli.parameters import Names
 from phasestereo_bench.datasets import Scene, find_scenes
 from phasestereo_bench.middlebury import has_truth
 
-_SEVERAL = Parameter(consume_multiple=True, show_default=False)
 _LISTED = 5  # names of scenes in a line
 
 
@@ -30,7 +27,7 @@ class SceneChoice:
         suite; without any of these, all that have a truth.
     """
 
-    scene: Annotated[tuple[str, ...], _SEVERAL] = ()
+    scene: Names = ()
 
     def select(self, folders: Sequence[Path], suite: str, *, silent: bool = False) -> list[Scene]:
         """Return the scenes of these folders, and say which are left out unless ``silent``.
@@ -53,6 +50,10 @@ class SceneChoice:
         if left_out and not silent:
             say(left_out)
         return chosen
+
+
+ALL = SceneChoice()
+"""Every scene of the suite."""
 
 
 def _named(name: str, scenes: Sequence[Scene]) -> list[Scene]:

@@ -5,12 +5,13 @@
 from pathlib import Path
 from typing import Annotated
 
-from cyclopts import Parameter, validators
+from cyclopts import Parameter
 
 from phasestereo._extras import require
 from phasestereo.cli.errors import refusals
 from phasestereo.cli.terminal import say
 from phasestereo_bench.cli.bench_runs import Records, RunOptions, Suite
+from phasestereo_bench.cli.parameters import Flag, Output, Positive
 from phasestereo_bench.report.origin import made_with
 from phasestereo_bench.report.tables import Table
 from phasestereo_bench.speed import (
@@ -37,9 +38,9 @@ def speed(
     pairs: Annotated[
         tuple[str, ...], Parameter(consume_multiple=True, show_default=False, help=_PAIRS_HELP)
     ] = (),
-    rounds: Annotated[int, Parameter(validator=validators.Number(gte=1))] = 15,
-    output: Annotated[Path, Parameter(alias="-o")] = Path("speed.jsonl"),
-    fresh: Annotated[bool, Parameter(negative=(), show_default=False)] = False,
+    rounds: Positive = 15,
+    output: Output = Path("speed.jsonl"),
+    fresh: Flag = False,
 ) -> None:
     """Time a match against OpenCV's StereoBM and StereoSGBM.
 

@@ -10,17 +10,18 @@ from cyclopts import Parameter
 from phasestereo.cli.errors import refusals
 from phasestereo.cli.terminal import progress_bar, say
 from phasestereo_bench.cli.bench_scenes import SceneChoice
+from phasestereo_bench.cli.parameters import Output
 from phasestereo_bench.submission import submit as submitted
 
-_ALL = SceneChoice(scene=("*",))
+_EACH = SceneChoice(scene=("*",))
 
 
 def submit(
     *folders: Path,
-    choice: Annotated[SceneChoice, Parameter(name="*")] = _ALL,
+    choice: Annotated[SceneChoice, Parameter(name="*")] = _EACH,
     method: str = "robust",
     name: str = "phasestereo",
-    output: Annotated[Path, Parameter(alias="-o")] = Path("submission"),
+    output: Output = Path("submission"),
 ) -> None:
     """Write the zip files that the sites of Middlebury, ETH3D and KITTI take.
 

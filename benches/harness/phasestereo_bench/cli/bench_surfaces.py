@@ -5,11 +5,20 @@
 from pathlib import Path
 from typing import Annotated
 
-from cyclopts import Group, Parameter, validators
+from cyclopts import Parameter
 
 from phasestereo.cli.errors import refusals
 from phasestereo_bench.cli.bench_middlebury import rivals
 from phasestereo_bench.cli.bench_runs import AS_USUAL, RunOptions, Suite
+from phasestereo_bench.cli.parameters import (
+    RUN,
+    SCENES,
+    SEVERAL,
+    Folders,
+    Names,
+    Natural,
+    RecordsFile,
+)
 from phasestereo_bench.surfaces import (
     MEGAPIXELS,
     SEEDS,
@@ -21,20 +30,16 @@ from phasestereo_bench.surfaces import (
 )
 
 _OPTIONS = {"megapixels", "seeds", "method", "hitnet"}
-_SEVERAL = Parameter(consume_multiple=True, show_default=False)
-_SCENES = Group.create_ordered("Scenes")
-_RUN = Group.create_ordered("Run")
-_COUNT = validators.Number(gte=0)
 
 
 def surfaces(
-    *folders: Annotated[Path, Parameter(group=_SCENES)],
-    megapixels: Annotated[tuple[float, ...], _SEVERAL, Parameter(group=_SCENES)] = MEGAPIXELS,
-    seeds: Annotated[int, Parameter(group=_SCENES, validator=_COUNT)] = SEEDS,
-    method: Annotated[tuple[str, ...], _SEVERAL] = (),
+    *folders: Folders,
+    megapixels: Annotated[tuple[float, ...], SEVERAL, Parameter(group=SCENES)] = MEGAPIXELS,
+    seeds: Annotated[Natural, Parameter(group=SCENES)] = SEEDS,
+    method: Names = (),
     hitnet: Path | None = None,
-    output: Annotated[Path, Parameter(alias="-o", group=_RUN)] = Path("surfaces.jsonl"),
-    running: Annotated[RunOptions, Parameter(name="*", group=_RUN)] = AS_USUAL,
+    output: RecordsFile = Path("surfaces.jsonl"),
+    running: Annotated[RunOptions, Parameter(name="*", group=RUN)] = AS_USUAL,
 ) -> None:
     """Score matchers on plain, slanted and curved surfaces, and on finer samplings of a scene.
 

@@ -5,27 +5,25 @@
 from pathlib import Path
 from typing import Annotated
 
-from cyclopts import Group, Parameter
+from cyclopts import Parameter
 
 from phasestereo.cli.errors import refusals
 from phasestereo.cli.terminal import say
 from phasestereo_bench.cases import require_known
 from phasestereo_bench.cli.bench_middlebury import rivals
-from phasestereo_bench.cli.bench_scenes import SceneChoice
+from phasestereo_bench.cli.bench_scenes import ALL, SceneChoice
 from phasestereo_bench.cli.bench_tables import show
+from phasestereo_bench.cli.parameters import SCENES, Folders, Names
 from phasestereo_bench.verification import CONDITIONS, opinion_table, opinions
 
-_SEVERAL = Parameter(consume_multiple=True, show_default=False)
-_SCENES = Group.create_ordered("Scenes")
 _OPTIONS = {"scene", "condition", "method", "hitnet"}
-_ALL = SceneChoice()
 
 
 def verify(
-    *folders: Annotated[Path, Parameter(group=_SCENES)],
-    choice: Annotated[SceneChoice, Parameter(name="*", group=_SCENES)] = _ALL,
-    condition: Annotated[tuple[str, ...], _SEVERAL] = tuple(CONDITIONS),
-    method: Annotated[tuple[str, ...], _SEVERAL] = ("opencv:sgbm",),
+    *folders: Folders,
+    choice: Annotated[SceneChoice, Parameter(name="*", group=SCENES)] = ALL,
+    condition: Names = tuple(CONDITIONS),
+    method: Names = ("opencv:sgbm",),
     hitnet: Path | None = None,
 ) -> None:
     """Judge the maps of other matchers, and say how often that is right.

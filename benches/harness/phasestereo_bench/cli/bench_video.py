@@ -11,16 +11,15 @@ from phasestereo.cli.terminal import say
 from phasestereo.settings import PRESETS
 from phasestereo_bench.cases import require_known
 from phasestereo_bench.cli.bench_tables import show
+from phasestereo_bench.cli.parameters import Names, Natural
 from phasestereo_bench.video import compared, steadiness_table
-
-_SEVERAL = Parameter(consume_multiple=True, show_default=False)
 
 
 def video(
     *,
-    preset: Annotated[tuple[str, ...], _SEVERAL] = ("fast", "robust"),
+    preset: Names = ("fast", "robust"),
     noise: Annotated[float, Parameter(validator=validators.Number(gte=0))] = 3.0,
-    seed: Annotated[int, Parameter(validator=validators.Number(gte=0))] = 0,
+    seed: Natural = 0,
 ) -> None:
     """Score streams on rendered videos, without and with the temporal filter.
 

@@ -6,19 +6,20 @@ import webbrowser
 from pathlib import Path
 from typing import Annotated
 
-from cyclopts import Parameter, validators
+from cyclopts import Parameter
 
 from phasestereo.cli.errors import refusals
 from phasestereo.cli.terminal import progress_bar
 from phasestereo_bench.cli.bench_tables import show
+from phasestereo_bench.cli.parameters import Natural, Output
 from phasestereo_bench.demo import run_demo, verdict, write_demo
 from phasestereo_bench.report.tables import Table
 
 
 def demo(
     *,
-    output: Annotated[Path, Parameter(alias="-o")] = Path("demo"),
-    seed: Annotated[int, Parameter(validator=validators.Number(gte=0))] = 0,
+    output: Output = Path("demo"),
+    seed: Natural = 0,
     open_page: Annotated[bool, Parameter(name="--open", negative=(), show_default=False)] = False,
 ) -> None:
     """Show what one image out of focus does to stereo matching.

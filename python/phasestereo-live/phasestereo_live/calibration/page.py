@@ -18,6 +18,8 @@ from phasestereo.io.files import StrPath
 from phasestereo.views.templating import check_page_path, render_page
 from phasestereo_live.calibration import StereoCalibration
 
+__all__ = ["write_calibration_page"]
+
 _NEAREST, _FARTHEST = 5, 400  # baselines, that the plot reaches from and to
 _SAMPLES = 60
 _WIDTH, _HEIGHT = 600, 300  # of the plot
