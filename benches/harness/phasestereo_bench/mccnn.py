@@ -39,7 +39,8 @@ def match_mccnn(left: Image, right: Image, num_disparities: int) -> Map:
         If `mccnn` or `libsgm` is not installed.
     """
     network, weights, sgm = needed()
-    gray = [np.pad(_gray(image), _REACH, mode="edge") for image in (left, right)]
+    gray = [image if image.ndim == 2 else image @ _GRAY for image in (left, right)]
+    gray = [np.pad(image.astype(np.float32), _REACH, mode="edge") for image in gray]
     path = str(weights.get_weights(WEIGHTS))
     cost = network.run_mc_cnn_fast(*gray, 1 - num_disparities, 0, path)  # from the largest to 0
 
@@ -76,7 +77,3 @@ def needed() -> tuple[Any, Any, Any]:
         raise ImportError("mccnn is not installed; pip install --no-deps mccnn") from error
 
     return network, weights, require("c_libsgm", extra="mccnn", of="./benches/harness")
-
-
-def _gray(image: Image) -> Map:
-    return (image if image.ndim == 2 else image @ _GRAY).astype(np.float32)

@@ -215,7 +215,8 @@ def _fed(
     scale = 1.0 if layout.dtype == np.uint8 else white / 255
 
     planes = (_planes(image, gray=gray) * scale for image in pair)
-    images = [_continued(image, padding) for image in planes]
+    margins = ((0, 0), (0, padding[0]), (0, padding[1]))
+    images = [np.pad(image, margins, mode="edge") for image in planes]
     if len(layout.names) == 1:
         images = [np.concatenate(images, axis=0)]
 
@@ -230,7 +231,3 @@ def _planes(image: Image, *, gray: bool) -> NDArray[np.float64]:
     """Return the channels, first, from 0 to 255."""
     color = image if image.ndim == 3 else np.repeat(image[:, :, np.newaxis], 3, axis=2)
     return (color @ _GRAY)[np.newaxis] if gray else np.moveaxis(color.astype(np.float64), 2, 0)
-
-
-def _continued(planes: NDArray[np.float64], padding: tuple[int, int]) -> NDArray[np.float64]:
-    return np.pad(planes, ((0, 0), (0, padding[0]), (0, padding[1])), mode="edge")

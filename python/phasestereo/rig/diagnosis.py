@@ -98,7 +98,14 @@ class Diagnosis:
             "findings": [asdict(found) for found in self.findings],
             "search": _fields(self.search and replace(self.search, confidence=self._sure)),
             "alignment": None,
-            "blur": None if self.blur is None else _blur(self.blur),
+            "blur": None
+            if self.blur is None
+            else {
+                "certainty": self.blur.certainty,
+                "blurs": self.blur.as_dicts(),
+                "tile": self.blur.tile,
+                "labels": self.blur.labels.tolist(),
+            },
             "contrast": _fields(self.contrast),
             "noise": _sides(self.noise),
             "saturation": _sides([asdict(side) for side in self.saturation]),
@@ -168,15 +175,6 @@ def check(left: ImageOrPath, right: ImageOrPath, *, self_rectify: bool = True) -
         intensity_range=light.intensity_range,
         findings=found.findings,
     )
-
-
-def _blur(estimate: BlurEstimate) -> dict[str, Any]:
-    return {
-        "certainty": estimate.certainty,
-        "blurs": estimate.as_dicts(),
-        "tile": estimate.tile,
-        "labels": estimate.labels.tolist(),
-    }
 
 
 def _fields(record: SearchRange | Contrast | None) -> dict[str, Any] | None:

@@ -64,7 +64,12 @@ def verdict(record: Mapping[str, Any]) -> BlurVerdict:
     # Sizes and angles are compared only where the family is right.
     size = _as(family, found) if kind else None
     error = None if size is None else abs(size - true)
-    turn = _turn(found["angle"], record["angle"]) if kind and family == "motion" else None
+    # A motion has a direction but no sense: angles repeat after 180 degrees.
+    turn = (
+        abs((found["angle"] - record["angle"] + 90) % 180 - 90)
+        if kind and family == "motion"
+        else None
+    )
 
     return BlurVerdict(
         kind=kind,
@@ -83,8 +88,3 @@ def _as(family: str, found: Mapping[str, Any]) -> float:
     if found["kind"] == family:
         return size
     return 2 * size if family == "disk" else size / 2
-
-
-def _turn(angle: float, other: float) -> float:
-    # A motion has a direction but no sense: angles repeat after 180 degrees.
-    return abs((angle - other + 90) % 180 - 90)

@@ -197,7 +197,10 @@ def write_weights(weights: Weights, path: Path) -> None:
     OSError
         If the file cannot be written.
     """
-    cases = "".join(_learned(weights, case) for case in range(CASES))
+    cases = "".join(
+        _LEARNED.format(odds=_odds(weights.heights[case], 12), bars=_listed(weights.bars[case]))
+        for case in range(CASES)
+    )
     ahead = _odds(weights.ahead, 4)
     text = _FILE.format(places=_rows(weights.places, 8), cases=cases, ahead=ahead)
     with replacing(path) as file:
@@ -227,10 +230,6 @@ _ODDS = """Odds {{
 {space}    lines: [
 {lines}{space}    ],
 {space}}}"""
-
-
-def _learned(weights: Weights, case: int) -> str:
-    return _LEARNED.format(odds=_odds(weights.heights[case], 12), bars=_listed(weights.bars[case]))
 
 
 def _odds(heights: Numbers, indent: int) -> str:

@@ -144,13 +144,10 @@ def observed(pair: Pair, *, preset: str = "robust", **search: Any) -> dict[str, 
         "tally": list(statistics.tally or ()),
         "noise": max(compensation.noise) if compensation else 0.0,
         "smoothing": max(compensation.smoothing) if compensation else 0.0,
-        "blurred": compensation is not None and _has_kernels(compensation.kernels),
+        "blurred": compensation is not None
+        and any(taps is not None for both in compensation.kernels for taps in both),
         "counts": counts.ravel().tolist(),
     }
-
-
-def _has_kernels(kernels: Any) -> bool:
-    return any(taps is not None for both in kernels for taps in both)
 
 
 def _spoiled(pair: Pair, fault: Any, side: str) -> Pair:

@@ -373,7 +373,19 @@ def run_study(
     return Study(
         quick=quick,
         choices=choices,
-        readings=[_reading(point, scores[point.cell]) for point in points],
+        readings=[
+            Reading(
+                experiment=point.experiment,
+                scene=point.cell.scene,
+                protocol=point.series.protocol,
+                method=point.series.method.cost,
+                rule=point.series.rule,
+                level=point.level,
+                **point.cell.shown_settings(),
+                **scores[point.cell]._asdict(),
+            )
+            for point in points
+        ],
     )
 
 
@@ -424,16 +436,3 @@ def _bits_points(choices: Mapping[TuningTask, ChosenSettings], *, quick: bool) -
                     points.append(_Point(BITS_KEY, series, sigma, other))
 
     return points
-
-
-def _reading(point: _Point, scores: Scores) -> Reading:
-    return Reading(
-        experiment=point.experiment,
-        scene=point.cell.scene,
-        protocol=point.series.protocol,
-        method=point.series.method.cost,
-        rule=point.series.rule,
-        level=point.level,
-        **point.cell.shown_settings(),
-        **scores._asdict(),
-    )

@@ -97,7 +97,7 @@ def draw_means(results: Results, metric: str) -> Any:
 
     rule(axes, labels)
     axes.set_xlim(left=min(0, axes.get_xlim()[0]))
-    axes.set_xlabel(_axis(metric), color=SOFT)
+    axes.set_xlabel(f"{METRICS[metric].label}: {METRICS[metric].better}", color=SOFT)
     over = uniform or "scenes (how many)"
 
     _title(figure, f"Means over {over}, {results.state}")
@@ -144,10 +144,6 @@ def rule(axes: Any, labels: Sequence[str]) -> None:
     axes.set_axisbelow(True)
     for spine in axes.spines.values():
         spine.set_visible(False)
-
-
-def _axis(metric: str) -> str:
-    return f"{METRICS[metric].label}: {METRICS[metric].better}"
 
 
 def _title(figure: Any, text: str) -> None:

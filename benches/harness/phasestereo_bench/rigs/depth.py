@@ -52,7 +52,8 @@ class DepthOfField:
         far, near = np.percentile(filled(pair.truth), (_FAR, _NEAR))
         images = {"left": pair.left, "right": pair.right}
         maps = {"left": filled(pair.truth), "right": filled(seen_from_right(pair.truth))}
-        focused = {side: far} | ({_other(side): near} if self.opposite else {})
+        other = {"left": "right", "right": "left"}[side]
+        focused = {side: far, other: near} if self.opposite else {side: far}
 
         for name, focus in focused.items():
             radii = self.radius / max(near - far, 1e-6)
@@ -213,7 +214,3 @@ def _taken(values: NDArray[np.floating], cols: NDArray[np.intp], known: NDArray[
     """Return each row's values at these columns, NaN elsewhere."""
     taken = np.take_along_axis(values, np.where(known, cols, 0), axis=1)
     return np.where(known, taken, np.nan).astype(np.float64)
-
-
-def _other(side: str) -> str:
-    return "right" if side == "left" else "left"

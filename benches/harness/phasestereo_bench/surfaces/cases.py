@@ -269,7 +269,11 @@ def _found(folders: Iterable[Path]) -> tuple[list[Scene], list[Path]]:
     for folder in folders:
         root = Path(folder).absolute()
         of_tables = root if root.name == _TABLE_FOLDER else root / _TABLE_FOLDER
-        there = [each for each in sorted(of_tables.glob("*")) if _is_table(each)]
+        there = [
+            each
+            for each in sorted(of_tables.glob("*"))
+            if all((each / name).is_file() for name in _TABLE_FILES)
+        ]
         tables |= dict.fromkeys(there)
 
         try:
@@ -280,10 +284,6 @@ def _found(folders: Iterable[Path]) -> tuple[list[Scene], list[Path]]:
                 raise ValueError(f"{error}, and for {tops}") from error
 
     return list(scenes.values()), list(tables)
-
-
-def _is_table(folder: Path) -> bool:
-    return all((folder / name).is_file() for name in _TABLE_FILES)
 
 
 def _view(row: str, pair: Pair, *, every: int = 1) -> View:

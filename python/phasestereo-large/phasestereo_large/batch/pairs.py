@@ -148,17 +148,17 @@ def _of_row(
         if name not in given:
             raise ValueError(f"{where}: {name} is missing")
 
-    files = {name: folder / given[name] for name in _COLUMNS if name in given and _is_file(name)}
+    files = {
+        name: folder / given[name]
+        for name in _COLUMNS
+        if name in given and name.endswith(("left", "right", "mask"))
+    }
     return PairFiles(
         name=given.get("name", files["left"].stem),
         num_disparities=_number(where, "num_disparities", given, search[0]),
         min_disparity=_number(where, "min_disparity", given, search[1]) or 0,
         **files,
     )
-
-
-def _is_file(column: str) -> bool:
-    return column.endswith(("left", "right", "mask"))
 
 
 def _number(where: str, name: str, given: Mapping[str, str], default: int | None) -> int | None:

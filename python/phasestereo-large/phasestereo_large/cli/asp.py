@@ -70,7 +70,10 @@ def asp(
         settings = resolve(preset, None, _UNASKED | (overrides or {}))
         low, count = _range(minimum, maximum)
         pair = read_geotiff_pair(left, right)
-        masks = [_valid(view.mask, view.image.shape[:2]) for view in pair]
+        masks = [
+            np.ones(view.image.shape[:2], np.bool_) if view.mask is None else view.mask
+            for view in pair
+        ]
         result = match(
             pair[0].image,
             pair[1].image,
@@ -96,10 +99,6 @@ def _range(minimum: int | None, maximum: int | None) -> tuple[int, int | None]:
             WRONG_USAGE,
         )
     return -maximum, maximum - minimum + 1
-
-
-def _valid(mask: Mask | None, size: tuple[int, ...]) -> Mask:
-    return np.ones(size, np.bool_) if mask is None else mask
 
 
 def _disparities(result: Result, left: Mask, right: Mask) -> NDArray[np.float32]:

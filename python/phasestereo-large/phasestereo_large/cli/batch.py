@@ -166,7 +166,20 @@ def _security(ca: Path | None, cert: Path | None, key: Path | None) -> Any:
 def _show(report: BatchReport, settings: Settings, *, as_json: bool) -> None:
     """Print what a run came to on standard output."""
     if as_json:
-        print_json(_as_dict(report, settings))
+        print_json(
+            {
+                "version": phasestereo.__version__,
+                "settings": asdict(settings),
+                "pairs": report.pairs,
+                "done": report.done,
+                "skipped": report.skipped,
+                "failed": len(report.failed),
+                "failures": [asdict(record) for record in report.failed[:_LISTED]],
+                "seconds": report.seconds,
+                "manifest": str(report.manifest),
+                "damaged": list(report.damaged),
+            }
+        )
         return
 
     rate = report.done / report.seconds if report.seconds else 0.0
@@ -175,18 +188,3 @@ def _show(report: BatchReport, settings: Settings, *, as_json: bool) -> None:
         f" {report.seconds:.1f} s, {rate:.2f} pairs/s"
     )
     print_lines([numbers, f"wrote {report.manifest}"])
-
-
-def _as_dict(report: BatchReport, settings: Settings) -> dict[str, Any]:
-    return {
-        "version": phasestereo.__version__,
-        "settings": asdict(settings),
-        "pairs": report.pairs,
-        "done": report.done,
-        "skipped": report.skipped,
-        "failed": len(report.failed),
-        "failures": [asdict(record) for record in report.failed[:_LISTED]],
-        "seconds": report.seconds,
-        "manifest": str(report.manifest),
-        "damaged": list(report.damaged),
-    }

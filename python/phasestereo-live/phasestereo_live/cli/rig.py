@@ -20,7 +20,7 @@ from phasestereo.rectification.record import Rectification
 from phasestereo.rectification.rectifying import rectify as rectify_pair
 from phasestereo.result import Result
 from phasestereo.rig.findings import unwarned
-from phasestereo.rigs import Check, Rig
+from phasestereo.rigs import Rig
 from phasestereo.settings import Settings
 from phasestereo_live.cli.walls import WallOptions
 
@@ -114,7 +114,18 @@ def rig_test(
             rig.save(save)
 
     if as_json:
-        print_json(_as_dict(rig, checks))
+        print_json(
+            {
+                "version": phasestereo.__version__,
+                "frames": rig.frames,
+                "go": all(check.passed is not False for check in checks),
+                "checks": [
+                    check._asdict() | {"value": None if math.isnan(check.value) else check.value}
+                    for check in checks
+                ],
+                "events": [str(event) for event in rig.events],
+            }
+        )
     else:
         print_lines([*map(str, checks), *(f"wrote {path}" for path in [save] if path is not None)])
     failed = [check.name for check in checks if check.passed is False]
@@ -137,16 +148,3 @@ def _follow(
         with unwarned():  # what is wrong with a match counts among the quantities
             result = rig.match(*pair, **masks)
         yield result, found
-
-
-def _as_dict(rig: Rig, checks: Sequence[Check]) -> dict[str, Any]:
-    return {
-        "version": phasestereo.__version__,
-        "frames": rig.frames,
-        "go": all(check.passed is not False for check in checks),
-        "checks": [
-            check._asdict() | {"value": None if math.isnan(check.value) else check.value}
-            for check in checks
-        ],
-        "events": [str(event) for event in rig.events],
-    }

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import os
 from fractions import Fraction
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -124,7 +123,11 @@ class VideoWriter(Closing):
     def _open(self, rows: int, cols: int) -> None:
         av = require("av", extra="live")
         codec = next(name for name in _CODECS if _can_encode(av, name))
-        container = av.open(os.fspath(self._draft), "w", options=_options(self._draft))
+        container = av.open(
+            os.fspath(self._draft),
+            "w",
+            options=_OPTIONS | ({} if self._draft.suffix.lower() == ".mkv" else _FRAGMENTS),
+        )
 
         stream = container.add_stream(codec, rate=self._rate, options=_CODECS[codec])
         stream.width, stream.height = cols + cols % 2, rows + rows % 2
@@ -163,10 +166,6 @@ def _check(picture: NDArray[np.uint8], time: float | None) -> None:
 
     if time is not None and not math.isfinite(time):
         raise ValueError(f"time: got {time}; accepts finite numbers")
-
-
-def _options(path: Path) -> dict[str, str]:
-    return _OPTIONS | ({} if path.suffix.lower() == ".mkv" else _FRAGMENTS)
 
 
 def _can_encode(av: Any, name: str) -> bool:

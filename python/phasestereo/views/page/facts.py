@@ -147,13 +147,13 @@ def timing_rows(timings: Mapping[str, float]) -> list[tuple[str, str, float]]:
     """Return stages, their times in words, and their share of the whole in percent."""
     total = sum(timings.values())
     return [
-        (stage, _duration(seconds), 100 * seconds / total if total > 0 else 0.0)
+        (
+            stage,
+            f"{1e3 * seconds:.1f} ms" if seconds < 1 else f"{seconds:.2f} s",
+            100 * seconds / total if total > 0 else 0.0,
+        )
         for stage, seconds in timings.items()
     ]
-
-
-def _duration(seconds: float) -> str:
-    return f"{1e3 * seconds:.1f} ms" if seconds < 1 else f"{seconds:.2f} s"
 
 
 def versions() -> list[tuple[str, str]]:

@@ -161,7 +161,9 @@ def arrays_of(
             for name, values in coded.items()
         },
         "flags": result.flags,
-        "confidence": None if result.confidence is None else _bytes(result.confidence),
+        "confidence": None
+        if result.confidence is None
+        else np.rint(255 * result.confidence).astype(np.uint8),
         "scored": None if scored is None else scored.astype(np.uint8),
     }
 
@@ -176,11 +178,6 @@ def codings_of(result: Result, truth: Map | None) -> dict[str, Coding]:
         "truth": disparities,
         "uncertainty": coding_of(result.uncertainty),
     }
-
-
-def _bytes(shares: Map) -> NDArray[np.uint8]:
-    """Return shares from 0 to 1 as 0 to 255."""
-    return np.rint(255 * shares).astype(np.uint8)
 
 
 def _robust_ends(*maps: Map) -> tuple[float, float]:
