@@ -11,7 +11,7 @@ use crate::base::control::Control;
 use crate::base::error::{Error, Result};
 use crate::base::memory::Memory;
 use crate::base::plane::{Plane, reflect};
-use crate::base::simd::{Level, Loop};
+use crate::base::simd::{Level, leveled};
 use crate::descriptor::basis::{Basis, Component};
 use crate::descriptor::quantizer::Quantizer;
 use crate::descriptor::spectrum::{Lane, Layout, Spectrum, Word, segments};
@@ -316,12 +316,12 @@ impl<R: RowOfCodes> DescribedImage<'_, R> {
             let above = (y + layout.margin - radius) * width;
             let surroundings = &pixels[above..][..(count + 2 * radius) * width];
             let words = words.each_mut().map(|words| &mut **words);
-            self.level.run(TransformRows { spectrum, surroundings, layer, words });
+            transform_rows(self.level, spectrum, surroundings, layer, words);
         }
 
         for (start, row) in (0..).step_by(width).zip(rows) {
             let words = words.each_ref().map(|words| &words[start..][..layout.cols]);
-            self.level.run(StoreRow { rows: self.rows, words, row });
+            store_row(self.level, self.rows, words, row);
         }
     }
 
@@ -345,47 +345,37 @@ impl<R: RowOfCodes> DescribedImage<'_, R> {
 
 /// Rows of pixels and their surroundings -> the bits of one size of neighborhoods: bits 0 to 31 of the codes
 /// in the first words, the others in the second.
-struct TransformRows<'a, T: Lane> {
-    spectrum: &'a mut Spectrum<T>,
-    surroundings: &'a [i32],
-    layer: &'a Layer,
-    words: [&'a mut [T::Word]; 2],
-}
+#[leveled]
+fn transform_rows<T: Lane>(
+    level: Level,
+    spectrum: &mut Spectrum<T>,
+    surroundings: &[i32],
+    layer: &Layer,
+    words: [&mut [T::Word]; 2],
+) {
+    let Layer { quantizer, bits, .. } = layer;
 
-impl<T: Lane> Loop for TransformRows<'_, T> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        let Self { spectrum, surroundings, layer: Layer { quantizer, bits, .. }, words } = self;
-
-        spectrum.center_on(surroundings);
-        for places in segments(words[0].len()) {
-            for frequency in 0..spectrum.frequencies() {
-                for (c, re, im) in spectrum.components(frequency, places.clone()) {
-                    let Some(shift) = bits[c] else { continue };
-                    let words = &mut words[shift / 32][places.clone()];
-                    quantizer.add(re, im, shift % 32, words);
-                }
+    spectrum.center_on(surroundings);
+    for places in segments(words[0].len()) {
+        for frequency in 0..spectrum.frequencies() {
+            for (c, re, im) in spectrum.components(frequency, places.clone()) {
+                let Some(shift) = bits[c] else { continue };
+                let words = &mut words[shift / 32][places.clone()];
+                quantizer.add(re, im, shift % 32, words);
             }
         }
     }
 }
 
 /// Stores the codes of a row.
-struct StoreRow<'a, R: RowOfCodes, W> {
-    rows: &'a R,
-    words: [&'a [W]; 2],
-    row: &'a mut [R::Item],
-}
-
-impl<R: RowOfCodes, W: Word> Loop for StoreRow<'_, R, W> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        self.rows.write(self.words, self.row);
-    }
+#[leveled]
+fn store_row<R: RowOfCodes, W: Word>(
+    level: Level,
+    rows: &R,
+    words: [&[W]; 2],
+    row: &mut [R::Item],
+) {
+    rows.write(words, row);
 }
 
 /// Joins the two halves of the codes. Outputs and inputs are arguments of their own, so that the vectorizer

@@ -32,6 +32,9 @@
 //!
 //! M. Pedone, J. Heikkilä: *Blur and Contrast Invariant Fast Stereo Matching*, ACIVS 2008.
 
+// The attribute `leveled` names this crate, also within it.
+extern crate self as phasestereo_match;
+
 pub mod base;
 pub mod choices;
 pub mod settings;

@@ -43,7 +43,7 @@ use crate::base::control::Control;
 use crate::base::error::{Error, Result};
 use crate::base::memory::RunMemory;
 use crate::base::plane::Plane;
-use crate::base::simd::{Level, Loop};
+use crate::base::simd::{Level, Loop, leveled};
 use crate::base::value::{LANES, Lanes, Value};
 pub use crate::choices::{BAND, LOOKAHEAD_ROWS, PANEL};
 use crate::cost::Costs;
@@ -358,14 +358,15 @@ impl CandidateSearch<'_> {
                     evidence,
                 });
             } else {
-                self.level.run(SelectPixels {
-                    search: self,
-                    block: (&panel.block, searched),
-                    totals: means,
-                    costs: Some((&panel.seen, panel.costs)),
+                select_pixels(
+                    self.level,
+                    self,
+                    (&panel.block, searched),
+                    means,
+                    Some((&panel.seen, panel.costs)),
                     selection,
                     evidence,
-                });
+                );
             }
         }
 
@@ -391,14 +392,7 @@ impl CandidateSearch<'_> {
             let block = &PixelBlock::new(rows.clone(), columns, STRIP);
             let totals = &mut costs[..block.places() * all.runs()];
             source.write(aggregator, (block.clone(), all), totals)?;
-            self.level.run(SelectPixels {
-                search: self,
-                block: (block, all),
-                totals,
-                costs: None,
-                selection,
-                evidence,
-            });
+            select_pixels(self.level, self, (block, all), totals, None, selection, evidence);
         }
 
         Ok(())
@@ -449,43 +443,38 @@ impl CandidateSearch<'_> {
 }
 
 /// The best candidates of a block of strips of [`STRIP`] columns, by totals of paths or by costs alone.
-struct SelectPixels<'a, T> {
-    search: &'a CandidateSearch<'a>,
-    block: (&'a PixelBlock, Searched),
-    totals: &'a [Lanes<T>],
-    /// The costs of a block that begins with the same pixel.
-    costs: Option<(&'a PixelBlock, &'a [Lanes<T>])>,
-    selection: &'a mut Selection<T>,
-    evidence: &'a mut Evidence,
-}
+/// `costs`: the costs of a block that begins with the same pixel.
+#[leveled]
+fn select_pixels<T: Value>(
+    level: Level,
+    search: &CandidateSearch<'_>,
+    block: (&PixelBlock, Searched),
+    totals: &[Lanes<T>],
+    costs: Option<(&PixelBlock, &[Lanes<T>])>,
+    selection: &mut Selection<T>,
+    evidence: &mut Evidence,
+) {
+    let (block, searched) = block;
+    let runs = searched.runs();
 
-impl<T: Value> Loop for SelectPixels<'_, T> {
-    type Output = ();
+    for (strip, columns) in block.strips().enumerate() {
+        for row in 0..block.rows.len() {
+            let pixels = columns.len();
+            let totals = &totals[block.place(strip, row) * runs..][..pixels * runs];
 
-    #[inline(always)]
-    fn run(self) {
-        let Self { search, block: (block, searched), totals, costs, selection, evidence } = self;
-        let runs = searched.runs();
+            selection.find_least(totals, runs);
+            selection.settle(totals, runs);
 
-        for (strip, columns) in block.strips().enumerate() {
-            for row in 0..block.rows.len() {
-                let pixels = columns.len();
-                let totals = &totals[block.place(strip, row) * runs..][..pixels * runs];
-
-                selection.find_least(totals, runs);
-                selection.settle(totals, runs);
-
-                if search.weighs(block.rows.start + row) {
-                    let costs = costs.map(|(block, costs)| {
-                        &costs[block.place(strip, row) * runs..][..pixels * runs]
-                    });
-                    selection.weigh(totals, costs, (searched.count, runs));
-                    selection.number_from(searched.start);
-                    selection.write(pixels, evidence, (row, columns.start));
-                } else {
-                    selection.number_from(searched.start);
-                    evidence.choose(row, columns.start, selection.chosen(pixels));
-                }
+            if search.weighs(block.rows.start + row) {
+                let costs = costs.map(|(block, costs)| {
+                    &costs[block.place(strip, row) * runs..][..pixels * runs]
+                });
+                selection.weigh(totals, costs, (searched.count, runs));
+                selection.number_from(searched.start);
+                selection.write(pixels, evidence, (row, columns.start));
+            } else {
+                selection.number_from(searched.start);
+                evidence.choose(row, columns.start, selection.chosen(pixels));
             }
         }
     }

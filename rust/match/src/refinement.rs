@@ -17,7 +17,7 @@ mod window_rows;
 use crate::base::control::Control;
 use crate::base::error::Result;
 use crate::base::plane::Plane;
-use crate::base::simd::{Level, Loop};
+use crate::base::simd::{Level, leveled};
 use crate::cost::validity::Validity;
 use crate::image::texture::Texture;
 use crate::optimization::evidence::{EvidenceRow, NONE};
@@ -79,7 +79,7 @@ impl MapWriter<'_> {
             checker.resize(self.cols)?;
         }
 
-        level.run(WriteMapRow { writer: *self, y, found, checker, row });
+        write_map_row(level, *self, y, found, checker, row);
         Ok(())
     }
 
@@ -124,68 +124,61 @@ impl MapWriter<'_> {
 }
 
 /// Writes one row: step by step for all its pixels, so that each step is a loop over arrays.
-struct WriteMapRow<'a> {
-    writer: MapWriter<'a>,
+#[leveled]
+fn write_map_row(
+    level: Level,
+    writer: MapWriter<'_>,
     y: usize,
-    found: EvidenceRow<'a>,
-    checker: &'a mut Checker,
-    row: ResultRow<'a>,
-}
+    found: EvidenceRow<'_>,
+    checker: &mut Checker,
+    row: ResultRow<'_>,
+) {
+    let ResultRow { disparity, flags, votes } = row;
 
-impl Loop for WriteMapRow<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        let Self { writer, y, found, checker, row } = self;
-        let ResultRow { disparity, flags, votes } = row;
-
-        writer.flag_outside(found.chosen, flags);
-        if let Some(validity) = writer.validity {
-            let whole = validity.whole(y);
-            let pixels = found.chosen.iter().zip(&mut *flags).enumerate();
-            for (x, (&chosen, flags)) in pixels.filter(|(x, _)| !whole[*x]) {
-                *flags = MapWriter::flag_invalid(validity, (y, x), chosen.into(), *flags);
-            }
+    writer.flag_outside(found.chosen, flags);
+    if let Some(validity) = writer.validity {
+        let whole = validity.whole(y);
+        let pixels = found.chosen.iter().zip(&mut *flags).enumerate();
+        for (x, (&chosen, flags)) in pixels.filter(|(x, _)| !whole[*x]) {
+            *flags = MapWriter::flag_invalid(validity, (y, x), chosen.into(), *flags);
         }
+    }
 
-        if let Some(most) = writer.consistency {
-            let chosen = &found.chosen[..writer.cols];
-            let costs = &found.best[..writer.cols];
-            checker.check(Choices { chosen, costs, candidates: writer.candidates }, most, flags);
-        }
+    if let Some(most) = writer.consistency {
+        let chosen = &found.chosen[..writer.cols];
+        let costs = &found.best[..writer.cols];
+        checker.check(Choices { chosen, costs, candidates: writer.candidates }, most, flags);
+    }
 
-        if writer.uniqueness > 0 {
-            let margins = found.best.iter().zip(found.second_best);
-            for (flags, (&best, &second_best)) in flags.iter_mut().zip(margins) {
-                let is_ambiguous =
-                    CostMargin::new(best, second_best).is_ambiguous(writer.uniqueness);
-                let is_estimated = *flags & flag::MISSING == 0;
-                *flags |= if is_estimated & is_ambiguous { flag::AMBIGUOUS } else { 0 };
-            }
+    if writer.uniqueness > 0 {
+        let margins = found.best.iter().zip(found.second_best);
+        for (flags, (&best, &second_best)) in flags.iter_mut().zip(margins) {
+            let is_ambiguous = CostMargin::new(best, second_best).is_ambiguous(writer.uniqueness);
+            let is_estimated = *flags & flag::MISSING == 0;
+            *flags |= if is_estimated & is_ambiguous { flag::AMBIGUOUS } else { 0 };
         }
+    }
 
-        for ((disparity, chosen), flags) in disparity.iter_mut().zip(found.chosen).zip(&*flags) {
-            *disparity = writer.disparity(*chosen, *flags);
+    for ((disparity, chosen), flags) in disparity.iter_mut().zip(found.chosen).zip(&*flags) {
+        *disparity = writer.disparity(*chosen, *flags);
+    }
+    if writer.subpixel {
+        for (disparity, offset) in disparity.iter_mut().zip(found.offset) {
+            *disparity += offset;
         }
-        if writer.subpixel {
-            for (disparity, offset) in disparity.iter_mut().zip(found.offset) {
-                *disparity += offset;
-            }
-        }
+    }
 
-        if let Some(votes) = votes {
-            for (vote, (&best, &second_best)) in
-                votes.iter_mut().zip(found.best.iter().zip(found.second_best))
-            {
-                let second_best = if second_best == NONE { writer.unrelated } else { second_best };
-                *vote = confidence::vote(CostMargin::new(best, second_best), writer.unit);
-            }
-            // The choice among no valid candidates says nothing, however far it is ahead.
-            if writer.validity.is_some() {
-                for (vote, flags) in votes.iter_mut().zip(&*flags) {
-                    *vote = if flags & flag::MISSING == 0 { *vote } else { 0.0 };
-                }
+    if let Some(votes) = votes {
+        for (vote, (&best, &second_best)) in
+            votes.iter_mut().zip(found.best.iter().zip(found.second_best))
+        {
+            let second_best = if second_best == NONE { writer.unrelated } else { second_best };
+            *vote = confidence::vote(CostMargin::new(best, second_best), writer.unit);
+        }
+        // The choice among no valid candidates says nothing, however far it is ahead.
+        if writer.validity.is_some() {
+            for (vote, flags) in votes.iter_mut().zip(&*flags) {
+                *vote = if flags & flag::MISSING == 0 { *vote } else { 0.0 };
             }
         }
     }

@@ -43,8 +43,8 @@ use std::ops::Range;
 use rayon::prelude::*;
 
 pub use self::blocks::{BLOCK, Blocks, SAMPLED};
-use self::sums::{BlockWindows, Borders, Choose, SumGuessed, Visit};
-pub use self::sums::{NEXT, Vote, Voters};
+use self::sums::{BlockWindows, Borders, SumGuessed, choose, visit};
+pub use self::sums::{NEXT, Voters, vote};
 use super::overview::{Guess, Overview, Span};
 use crate::estimation::blur::rough::{as_view, raised};
 use phasestereo_match::base::error::Result;
@@ -190,15 +190,15 @@ impl<'a> AreaSearch<'a> {
         let back = ByteDistances::new([right, left], mirrored)?;
         let is_seen = |(at, found): &&Member| {
             let x = tried.column(at % cols, found.chosen.into(), cols);
-            let choose = Choose {
-                costs: &back,
-                rows: left.rows(),
+            let there = mirrored.disparity(choose(
+                execution.level,
+                &back,
+                left.rows(),
                 cols,
-                y: at / cols,
+                at / cols,
                 x,
-                around: self.around,
-            };
-            let there = mirrored.disparity(execution.level.run(choose));
+                self.around,
+            ));
             (there + tried.disparity(found.chosen.into())).unsigned_abs() <= NEXT
         };
 
@@ -310,7 +310,7 @@ impl<'a> AreaSearch<'a> {
                 let each = |y: usize, x: usize, sums: &[Lanes<u8>]| {
                     band[y * cols + x] = borders.least(sums, x)[0];
                 };
-                self.runtime.execution.level.run(Visit { windows, each });
+                visit(self.runtime.execution.level, windows, each);
             }
             Ok(())
         })?;
@@ -331,7 +331,7 @@ impl<'a> AreaSearch<'a> {
             self.runtime.control.checkpoint()?;
             let vote = |column: usize| {
                 let block = (row * BLOCK, column * BLOCK);
-                let sums = self.runtime.execution.level.run(Vote { costs: &costs, voters, block });
+                let sums = vote(self.runtime.execution.level, &costs, voters, block);
                 let found = borders.outside(&sums, block.1)?;
                 Some((row * blocks.cols + column, found))
             };
@@ -380,7 +380,7 @@ impl<'a> AreaSearch<'a> {
                     let one = borders.outside(sums, x);
                     found.extend(one.map(|one| ((top + y) * cols + x, one)));
                 };
-                self.runtime.execution.level.run(Visit { windows, each });
+                visit(self.runtime.execution.level, windows, each);
             }
             found.sort_unstable_by_key(|(at, _)| *at);
             Ok(found)

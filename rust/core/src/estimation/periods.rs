@@ -19,7 +19,7 @@
 
 use std::ops::Range;
 
-use super::areas::{BLOCK, Blocks, SAMPLED, Vote, Voters, candidates, codes_of, median};
+use super::areas::{BLOCK, Blocks, SAMPLED, Voters, candidates, codes_of, median, vote};
 use super::overview::{Overview, Span};
 use phasestereo_match::base::error::Result;
 use phasestereo_match::cost::phase::ByteDistances;
@@ -67,7 +67,7 @@ pub fn periods(
     let (mut judged, mut ambiguous) = (0, 0);
     for block in Blocks::sampled(rows, cols).places() {
         runtime.control.checkpoint()?;
-        let sums = runtime.execution.level.run(Vote { costs: &costs, voters, block });
+        let sums = vote(runtime.execution.level, &costs, voters, block);
         let seen = seen(tried, block.1..(block.1 + BLOCK).min(cols), cols);
         let Some(fits) = sums.as_flattened().get(seen.clone()).and_then(fitting) else { continue };
 

@@ -28,7 +28,7 @@ use crate::estimation::blur::parts::{HALO, PairRows, Part, Strips};
 use crate::estimation::blur::rough::grays_per_unit;
 use crate::estimation::overview::{Overview, RoughMap};
 use phasestereo_match::base::error::Result;
-use phasestereo_match::base::simd::{Level, Loop, whole};
+use phasestereo_match::base::simd::{Level, leveled, whole};
 use phasestereo_match::image::view::View;
 use phasestereo_match::matcher::runtime::Runtime;
 use phasestereo_match::pair::Pair;
@@ -249,7 +249,7 @@ impl GrayExtremes {
         let first = top - part.first;
         let steps = |y: usize| {
             let mut steps = vec![0; plane.cols()];
-            level.run(InSteps { row: plane.row(y), steps: &mut steps });
+            write_steps(level, plane.row(y), &mut steps);
             steps
         };
         for y in (first..(first + STRIP).min(plane.rows())).step_by(EVERY) {
@@ -270,7 +270,7 @@ impl GrayExtremes {
         // Strips begin with an even row.
         if first + 2 < plane.rows() {
             let rows = [&row, &steps(first + 1), &steps(first + 2)];
-            counts.fields = field_differences(rows.map(Vec::as_slice), level);
+            counts.fields = field_differences(level, rows.map(Vec::as_slice));
         }
 
         counts
@@ -284,7 +284,7 @@ impl GrayExtremes {
             pixels.filter(|(_, valid)| **valid).map(|(pixel, _)| *pixel).collect()
         });
 
-        let ends = level.run(CountEnds { values: valid.as_deref().unwrap_or(all) });
+        let ends = count_ends(level, valid.as_deref().unwrap_or(all));
         ends.map_or(
             Self::default(),
             |RowExtremes { least, largest, pixels, counts: [dark, bright] }| Self {
@@ -347,19 +347,10 @@ fn valid(view: &View, y: usize) -> Vec<Range<usize>> {
 }
 
 /// Gray values in steps.
-struct InSteps<'a> {
-    row: &'a [f32],
-    steps: &'a mut [i32],
-}
-
-impl Loop for InSteps<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        for (step, value) in self.steps.iter_mut().zip(self.row) {
-            *step = whole(value * STEPS);
-        }
+#[leveled]
+fn write_steps(level: Level, row: &[f32], steps: &mut [i32]) {
+    for (step, value) in steps.iter_mut().zip(row) {
+        *step = whole(value * STEPS);
     }
 }
 
@@ -373,30 +364,22 @@ struct RowExtremes {
 }
 
 /// Finds the ends of the values of pixels; `None` without any.
-struct CountEnds<'a> {
-    values: &'a [i32],
-}
-
-impl Loop for CountEnds<'_> {
-    type Output = Option<RowExtremes>;
-
-    #[inline(always)]
-    fn run(self) -> Option<RowExtremes> {
-        let first = *self.values.first()?;
-        let (mut least, mut largest) = (first, first);
-        for value in self.values {
-            least = least.min(*value);
-            largest = largest.max(*value);
-        }
-
-        let mut counts = [0u32; 2];
-        for value in self.values {
-            counts[0] += u32::from(*value == least);
-            counts[1] += u32::from(*value == largest);
-        }
-
-        Some(RowExtremes { least, largest, pixels: self.values.len(), counts })
+#[leveled]
+fn count_ends(level: Level, values: &[i32]) -> Option<RowExtremes> {
+    let first = *values.first()?;
+    let (mut least, mut largest) = (first, first);
+    for value in values {
+        least = least.min(*value);
+        largest = largest.max(*value);
     }
+
+    let mut counts = [0u32; 2];
+    for value in values {
+        counts[0] += u32::from(*value == least);
+        counts[1] += u32::from(*value == largest);
+    }
+
+    Some(RowExtremes { least, largest, pixels: values.len(), counts })
 }
 
 impl LightScale {

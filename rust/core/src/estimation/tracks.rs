@@ -21,7 +21,7 @@ use crate::estimation::overview::Overview;
 use crate::estimation::registration::Peak;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::plane::Plane;
-use phasestereo_match::base::simd::{Level, Loop};
+use phasestereo_match::base::simd::{Level, Loop, leveled};
 use phasestereo_match::matcher::runtime::Runtime;
 
 /// Rows above and below the center of a block that its search may read.
@@ -171,7 +171,7 @@ fn track(copies: &ReducedPair, part: &Part, seed: &Seed, level: Level) -> Option
 
     let block = level.run(CutPatch::<BLOCK> { image: left, x, y: y - first })?;
     let area = level.run(CutPatch::<AREA> { image: right, x: right_x, y: right_y - first })?;
-    let (offset, weight) = level.run(Climb { block: &block, area: &area })?;
+    let (offset, weight) = climb(level, &block, &area)?;
 
     // The center of a block of an even side lies between pixels.
     let place = |at: isize| factor as f64 * at as f64 - 0.5;
@@ -254,55 +254,45 @@ fn binomial(values: [f32; 2 * SMOOTH + 1]) -> f32 {
 }
 
 /// Hill climbing from the middle of the searched part to the largest correlation.
-struct Climb<'a> {
-    block: &'a Patch<BLOCK>,
-    area: &'a Patch<AREA>,
-}
-
-impl Loop for Climb<'_> {
-    type Output = Option<([f64; 2], f64)>;
-
-    #[inline(always)]
-    fn run(self) -> Self::Output {
-        let Self { block, area } = self;
-        let mut squares = [0.0f32; BLOCK];
-        for row in &block.values {
-            for at in 0..BLOCK {
-                squares[at] += row[at] * row[at];
-            }
+#[leveled]
+fn climb(level: Level, block: &Patch<BLOCK>, area: &Patch<AREA>) -> Option<([f64; 2], f64)> {
+    let mut squares = [0.0f32; BLOCK];
+    for row in &block.values {
+        for at in 0..BLOCK {
+            squares[at] += row[at] * row[at];
         }
+    }
 
-        let energy = total(squares);
-        // Steps overlap, so correlations are remembered.
-        let mut known = [[f32::NAN; 2 * SEARCH + 1]; 2 * SEARCH + 1];
-        let (mut x, mut y) = (SEARCH, SEARCH);
+    let energy = total(squares);
+    // Steps overlap, so correlations are remembered.
+    let mut known = [[f32::NAN; 2 * SEARCH + 1]; 2 * SEARCH + 1];
+    let (mut x, mut y) = (SEARCH, SEARCH);
 
-        loop {
-            let mut nine = [0.0; 9];
-            for (index, value) in nine.iter_mut().enumerate() {
-                let (x, y) = (x + index % 3 - 1, y + index / 3 - 1);
-                if known[y][x].is_nan() {
-                    known[y][x] = correlation(block, area, energy, x, y);
-                }
-                *value = known[y][x];
+    loop {
+        let mut nine = [0.0; 9];
+        for (index, value) in nine.iter_mut().enumerate() {
+            let (x, y) = (x + index % 3 - 1, y + index / 3 - 1);
+            if known[y][x].is_nan() {
+                known[y][x] = correlation(block, area, energy, x, y);
             }
-            // Of equal ones, the middle: then the climb ends.
-            let best = (0..9).fold(4, |best, at| if nine[at] > nine[best] { at } else { best });
-            if best == 4 {
-                if nine[4] <= LEAST_CORRELATION {
-                    return None;
-                }
-                let peak = Peak::new(nine.map(f64::from))?;
-                let at = [x, y].map(|at| at as f64 - SEARCH as f64);
-                let offset = [at[0] + peak.offset[0], at[1] + peak.offset[1]];
-                return Some((offset, peak.precision()[1]));
-            }
-            (x, y) = (x + best % 3 - 1, y + best / 3 - 1);
-
-            let inside = 1..2 * SEARCH;
-            if !inside.contains(&x) || !inside.contains(&y) {
+            *value = known[y][x];
+        }
+        // Of equal ones, the middle: then the climb ends.
+        let best = (0..9).fold(4, |best, at| if nine[at] > nine[best] { at } else { best });
+        if best == 4 {
+            if nine[4] <= LEAST_CORRELATION {
                 return None;
             }
+            let peak = Peak::new(nine.map(f64::from))?;
+            let at = [x, y].map(|at| at as f64 - SEARCH as f64);
+            let offset = [at[0] + peak.offset[0], at[1] + peak.offset[1]];
+            return Some((offset, peak.precision()[1]));
+        }
+        (x, y) = (x + best % 3 - 1, y + best / 3 - 1);
+
+        let inside = 1..2 * SEARCH;
+        if !inside.contains(&x) || !inside.contains(&y) {
+            return None;
         }
     }
 }

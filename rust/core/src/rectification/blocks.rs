@@ -21,7 +21,7 @@ use super::matches::CornerMatch;
 use crate::estimation::registration::Peak;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::plane::Plane;
-use phasestereo_match::base::simd::{Level, Loop};
+use phasestereo_match::base::simd::{Level, leveled};
 use phasestereo_match::base::statistics::median;
 use phasestereo_match::image::window_sums::{Beyond, Windows};
 
@@ -147,27 +147,16 @@ fn warped(image: &Plane<f32>, cameras: &Cameras, side: usize, level: Level) -> R
     let backward = cameras.backward(side);
     let mut out = Plane::new(image.rows(), image.cols())?;
     for y in 0..image.rows() {
-        level.run(WarpRow { image, backward, y, out: out.row_mut(y) });
+        warp_row(level, image, backward, y, out.row_mut(y));
     }
     Ok(out)
 }
 
 /// A row of the rectified image.
-struct WarpRow<'a> {
-    image: &'a Plane<f32>,
-    backward: Backward,
-    y: usize,
-    out: &'a mut [f32],
-}
-
-impl Loop for WarpRow<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        for (x, value) in self.out.iter_mut().enumerate() {
-            *value = bicubic(self.image, self.backward.place([x as f64, self.y as f64]));
-        }
+#[leveled]
+fn warp_row(level: Level, image: &Plane<f32>, backward: Backward, y: usize, out: &mut [f32]) {
+    for (x, value) in out.iter_mut().enumerate() {
+        *value = bicubic(image, backward.place([x as f64, y as f64]));
     }
 }
 
@@ -256,7 +245,7 @@ fn correlated(
     let block = cut(&images[0], [left, top], [SIDE; 2]);
     let first = [left + to[0] - search[0] as isize, top + to[1] - search[1] as isize];
     let area = cut(&images[1], first, search.map(|reach| SIDE + 2 * reach));
-    let surface = level.run(Correlate { block: &block, area: &area, search });
+    let surface = correlate(level, &block, &area, search);
 
     let peak = peak(&surface, search.map(|reach| 2 * reach + 1))?;
     let by = from_fn(|axis| to[axis] as f64 - search[axis] as f64 + peak.by[axis]);
@@ -279,65 +268,54 @@ fn cut(image: &Plane<i16>, [left, top]: [isize; 2], [cols, rows]: [usize; 2]) ->
 }
 
 /// The correlations of a block with all blocks of an area.
-struct Correlate<'a> {
-    block: &'a [i16],
-    area: &'a [i16],
-    search: [usize; 2],
-}
+#[leveled]
+fn correlate(level: Level, block: &[i16], area: &[i16], search: [usize; 2]) -> Vec<f64> {
+    let [across, down] = search.map(|reach| 2 * reach + 1);
+    let width = across + SIDE - 1;
+    let pixels = (SIDE * SIDE) as i64;
 
-impl Loop for Correlate<'_> {
-    type Output = Vec<f64>;
-
-    #[inline(always)]
-    fn run(self) -> Vec<f64> {
-        let Self { block, area, search } = self;
-        let [across, down] = search.map(|reach| 2 * reach + 1);
-        let width = across + SIDE - 1;
-        let pixels = (SIDE * SIDE) as i64;
-
-        // Sums over the columns of a block slide down, those over a block slide along.
-        let mut columns = vec![[0i32; 2]; width];
-        for row in area.chunks_exact(width).take(SIDE - 1) {
-            add_row(&mut columns, row, 1);
-        }
-
-        let (own, own_squares) = sums(block);
-        let own_variance = pixels * own_squares - own * own;
-        let mut out = Vec::with_capacity(across * down);
-        for dy in 0..down {
-            add_row(&mut columns, &area[(dy + SIDE - 1) * width..][..width], 1);
-            let (mut sum, mut squares) = (0i64, 0i64);
-            for column in &columns[..SIDE - 1] {
-                sum += i64::from(column[0]);
-                squares += i64::from(column[1]);
-            }
-
-            for dx in 0..across {
-                sum += i64::from(columns[dx + SIDE - 1][0]);
-                squares += i64::from(columns[dx + SIDE - 1][1]);
-
-                let mut product = 0i32;
-                for k in 0..SIDE {
-                    let one: &[i16] = &block[k * SIDE..][..SIDE];
-                    let other: &[i16] = &area[(dy + k) * width + dx..][..SIDE];
-                    for (a, b) in one.iter().zip(other) {
-                        product += i32::from(*a) * i32::from(*b);
-                    }
-                }
-
-                let variance = pixels * squares - sum * sum;
-                let together = pixels * i64::from(product) - own * sum;
-                let scale = (own_variance as f64 * variance as f64).sqrt();
-                out.push(if scale > 0.0 { together as f64 / scale } else { 0.0 });
-
-                sum -= i64::from(columns[dx][0]);
-                squares -= i64::from(columns[dx][1]);
-            }
-            add_row(&mut columns, &area[dy * width..][..width], -1);
-        }
-
-        out
+    // Sums over the columns of a block slide down, those over a block slide along.
+    let mut columns = vec![[0i32; 2]; width];
+    for row in area.chunks_exact(width).take(SIDE - 1) {
+        add_row(&mut columns, row, 1);
     }
+
+    let (own, own_squares) = sums(block);
+    let own_variance = pixels * own_squares - own * own;
+    let mut out = Vec::with_capacity(across * down);
+    for dy in 0..down {
+        add_row(&mut columns, &area[(dy + SIDE - 1) * width..][..width], 1);
+        let (mut sum, mut squares) = (0i64, 0i64);
+        for column in &columns[..SIDE - 1] {
+            sum += i64::from(column[0]);
+            squares += i64::from(column[1]);
+        }
+
+        for dx in 0..across {
+            sum += i64::from(columns[dx + SIDE - 1][0]);
+            squares += i64::from(columns[dx + SIDE - 1][1]);
+
+            let mut product = 0i32;
+            for k in 0..SIDE {
+                let one: &[i16] = &block[k * SIDE..][..SIDE];
+                let other: &[i16] = &area[(dy + k) * width + dx..][..SIDE];
+                for (a, b) in one.iter().zip(other) {
+                    product += i32::from(*a) * i32::from(*b);
+                }
+            }
+
+            let variance = pixels * squares - sum * sum;
+            let together = pixels * i64::from(product) - own * sum;
+            let scale = (own_variance as f64 * variance as f64).sqrt();
+            out.push(if scale > 0.0 { together as f64 / scale } else { 0.0 });
+
+            sum -= i64::from(columns[dx][0]);
+            squares -= i64::from(columns[dx][1]);
+        }
+        add_row(&mut columns, &area[dy * width..][..width], -1);
+    }
+
+    out
 }
 
 #[inline(always)]
@@ -415,7 +393,7 @@ mod tests {
         let area = cut(&image, [14, 15], [SIDE + 8, SIDE + 6]);
         for (name, level) in Level::all() {
             let Some(level) = level else { continue };
-            let found = level.run(Correlate { block: &block, area: &area, search });
+            let found = correlate(level, &block, &area, search);
             for (index, value) in found.iter().enumerate() {
                 let at = [14 + (index % 9) as isize, 15 + (index / 9) as isize];
                 let expected = plain(&block, &cut(&image, at, [SIDE; 2]));

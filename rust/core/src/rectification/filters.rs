@@ -12,7 +12,7 @@
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::math;
 use phasestereo_match::base::plane::{Plane, reflect, zeroed};
-use phasestereo_match::base::simd::{Level, Loop};
+use phasestereo_match::base::simd::{Level, leveled};
 use phasestereo_match::base::statistics::quantile;
 
 /// Percentiles that become black and white: a few pixels at the ends may be mistakes.
@@ -142,41 +142,29 @@ fn filtered(
         }
         let tap = |k: isize| &wide[((radius as isize + k) as usize) * channels..][..cols];
         let sides: Vec<_> = (1..=radius as isize).map(|k| [tap(-k), tap(k)]).collect();
-        level.run(Mix { weights, middle: tap(0), sides: &sides, out: along.row_mut(y) });
+        mix(level, weights, tap(0), &sides, along.row_mut(y));
     }
 
     let mut out = Plane::new(rows, cols)?;
     for y in 0..rows {
         let tap = |k: isize| along.row(reflect(y as isize + k, rows));
         let sides: Vec<_> = (1..=radius as isize).map(|k| [tap(-k), tap(k)]).collect();
-        level.run(Mix { weights, middle: tap(0), sides: &sides, out: out.row_mut(y) });
+        mix(level, weights, tap(0), &sides, out.row_mut(y));
     }
 
     Ok(out)
 }
 
 /// The weighted sum of a row and of pairs of rows to its sides.
-struct Mix<'a> {
-    weights: &'a [f32],
-    middle: &'a [f32],
-    sides: &'a [[&'a [f32]; 2]],
-    out: &'a mut [f32],
-}
+#[leveled]
+fn mix(level: Level, weights: &[f32], middle: &[f32], sides: &[[&[f32]; 2]], out: &mut [f32]) {
+    for (out, middle) in out.iter_mut().zip(middle) {
+        *out = weights[0] * middle;
+    }
 
-impl Loop for Mix<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        let Self { weights, middle, sides, out } = self;
-        for (out, middle) in out.iter_mut().zip(middle) {
-            *out = weights[0] * middle;
-        }
-
-        for (weight, [one, other]) in weights[1..].iter().zip(sides) {
-            for (out, (one, other)) in out.iter_mut().zip(one.iter().zip(*other)) {
-                *out += weight * (one + other);
-            }
+    for (weight, [one, other]) in weights[1..].iter().zip(sides) {
+        for (out, (one, other)) in out.iter_mut().zip(one.iter().zip(*other)) {
+            *out += weight * (one + other);
         }
     }
 }

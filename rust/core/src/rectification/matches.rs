@@ -12,7 +12,7 @@
 use std::collections::BTreeSet;
 
 use super::codes::{CornerCode, Features, UNIT};
-use phasestereo_match::base::simd::{Level, Loop};
+use phasestereo_match::base::simd::{Level, leveled};
 
 /// Rows by which a corner may be elsewhere, as a share of the width.
 const ROWS: f64 = 0.20;
@@ -71,9 +71,7 @@ pub fn matched(
 
         likenesses.clear();
         likenesses.extend(near.map(|other| (*other, 0)));
-        let products =
-            Products { code: &left_codes[index], codes: right_codes, out: &mut likenesses };
-        simd.run(products);
+        write_products(simd, &left_codes[index], right_codes, &mut likenesses);
 
         for (other, likeness) in &likenesses {
             if *likeness > back[*other].0 {
@@ -128,21 +126,11 @@ fn distance(one: [f64; 2], other: [f64; 2]) -> f64 {
 }
 
 /// The products of a code with others, whose indices are given.
-struct Products<'a> {
-    code: &'a CornerCode,
-    codes: &'a [CornerCode],
-    out: &'a mut [(usize, i32)],
-}
-
-impl Loop for Products<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        for (other, product) in self.out {
-            let terms = self.code.iter().zip(&self.codes[*other]);
-            *product = terms.map(|(a, b)| i32::from(*a) * i32::from(*b)).sum();
-        }
+#[leveled]
+fn write_products(level: Level, code: &CornerCode, codes: &[CornerCode], out: &mut [(usize, i32)]) {
+    for (other, product) in out {
+        let terms = code.iter().zip(&codes[*other]);
+        *product = terms.map(|(a, b)| i32::from(*a) * i32::from(*b)).sum();
     }
 }
 
@@ -160,7 +148,7 @@ mod tests {
         for (name, level) in Level::all() {
             let Some(level) = level else { continue };
             let mut out = [(4, 0), (0, 0), (8, 0)];
-            level.run(Products { code: &codes[3], codes: &codes, out: &mut out });
+            write_products(level, &codes[3], &codes, &mut out);
             for (other, product) in out {
                 let terms =
                     (0..LENGTH).map(|k| i64::from(codes[3][k]) * i64::from(codes[other][k]));

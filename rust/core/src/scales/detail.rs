@@ -17,7 +17,7 @@ use crate::scales::flat_areas::{grown, shrunk};
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::plane::Plane;
-use phasestereo_match::base::simd::{Level, Loop, whole};
+use phasestereo_match::base::simd::{Level, leveled, whole};
 use phasestereo_match::image::window_sums::{Beyond, Windows};
 
 /// Parts of a step of gray values that a rest has.
@@ -50,7 +50,7 @@ impl Detail {
             let values = |y: usize| gray.row(y).iter().map(|gray| [*gray]);
             means.write((first, band), values, |_, _, [sum]: [i32; 1]| sum, level)?;
             for (y, rests) in (first..).zip(band.chunks_exact_mut(size.1)) {
-                level.run(Rest { means, y, gray: gray.row(y), rests });
+                write_rests(level, means, y, gray.row(y), rests);
             }
             Ok(())
         })?;
@@ -93,25 +93,13 @@ impl Detail {
 }
 
 /// Makes rests of the sums of gray values over the windows of row `y`.
-struct Rest<'a> {
-    means: Windows,
-    y: usize,
-    gray: &'a [i32],
-    rests: &'a mut [i32],
-}
-
-impl Loop for Rest<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        let Self { means, y, gray, rests } = self;
-        for (x, (rest, gray)) in rests.iter_mut().zip(gray).enumerate() {
-            let count = means.pixels(y, x) as i32;
-            let parts = PARTS * (count * gray - *rest);
-            // Exact: floats of such quotients are finer than one part of the largest window.
-            let quotient = parts.clamp(-MOST * count, MOST * count) as f32 / count as f32;
-            *rest = whole(quotient) as i32;
-        }
+#[leveled]
+fn write_rests(level: Level, means: Windows, y: usize, gray: &[i32], rests: &mut [i32]) {
+    for (x, (rest, gray)) in rests.iter_mut().zip(gray).enumerate() {
+        let count = means.pixels(y, x) as i32;
+        let parts = PARTS * (count * gray - *rest);
+        // Exact: floats of such quotients are finer than one part of the largest window.
+        let quotient = parts.clamp(-MOST * count, MOST * count) as f32 / count as f32;
+        *rest = whole(quotient) as i32;
     }
 }

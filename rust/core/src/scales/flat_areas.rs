@@ -14,7 +14,7 @@ use std::ops::Range;
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::plane::Plane;
-use phasestereo_match::base::simd::{Level, Loop};
+use phasestereo_match::base::simd::{Level, leveled};
 use phasestereo_match::base::statistics::median;
 use phasestereo_match::image::regions::{Connectivity, Region, Regions, Run};
 use phasestereo_match::image::window_sums::{Beyond, Windows};
@@ -141,32 +141,23 @@ pub fn grown(
     let along = Plane::by_rows(size, control, |y, near: &mut [bool]| {
         let marked = marked.row(y);
         for shift in 0..=radius.min(size.1) {
-            level.run(MarkRow { near: &mut near[shift..], marked });
-            level.run(MarkRow { near: &mut *near, marked: &marked[shift..] });
+            mark_row(level, &mut near[shift..], marked);
+            mark_row(level, &mut *near, &marked[shift..]);
         }
     })?;
 
     Plane::by_rows(size, control, |y, near: &mut [bool]| {
         for y in y.saturating_sub(radius)..(y + radius + 1).min(size.0) {
-            level.run(MarkRow { near: &mut *near, marked: along.row(y) });
+            mark_row(level, &mut *near, along.row(y));
         }
     })
 }
 
 /// Marks what is marked in another row, as far as both reach.
-struct MarkRow<'a> {
-    near: &'a mut [bool],
-    marked: &'a [bool],
-}
-
-impl Loop for MarkRow<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        for (near, marked) in self.near.iter_mut().zip(self.marked) {
-            *near |= marked;
-        }
+#[leveled]
+fn mark_row(level: Level, near: &mut [bool], marked: &[bool]) {
+    for (near, marked) in near.iter_mut().zip(marked) {
+        *near |= marked;
     }
 }
 

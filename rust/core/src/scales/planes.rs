@@ -53,7 +53,7 @@ use crate::scales::flat_areas::{FlatArea, flat_areas, grown, shortened};
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::plane::{Plane, zeroed};
-use phasestereo_match::base::simd::{Level, Loop, whole};
+use phasestereo_match::base::simd::{Level, leveled, whole};
 use phasestereo_match::image::window_sums::window_means;
 use phasestereo_match::matcher::Disparity;
 use phasestereo_match::pair::Pair;
@@ -313,7 +313,7 @@ impl Scene<'_> {
             let place = (y, frame.cols.start);
             let (least, inside, chances) = (self.least, inside.row(row), &chances);
             let known = [disparity, own, around, chances];
-            self.level.run(DrawRow { surface, place, known, inside, least, drawn: &mut drawn });
+            draw_row(self.level, surface, place, known, inside, least, &mut drawn);
 
             let pixels = frame.cols.clone().zip(&drawn).filter(|(_, p)| **p > 0.0);
             let pixels: Vec<_> = pixels.map(|(x, p)| (x as u32, *p)).collect();
@@ -342,8 +342,8 @@ impl Scene<'_> {
             let known = [self.disparity, self.confidence].map(|plane| &plane.row(y)[cols.clone()]);
             let rings = [near.row(row), far.row(row)];
             let flags = &self.flags.row(y)[cols.clone()];
-            let count = GoesOn { surface, place: (y, cols.start), known, flags, rings };
-            let [one, of] = self.level.run(count);
+            let [one, of] =
+                count_going_on(self.level, surface, (y, cols.start), known, flags, rings);
             going_on += u64::from(one);
             all += u64::from(of);
         }
@@ -385,7 +385,7 @@ impl Scene<'_> {
         let size = (rows.len(), cols.len());
         let weights = Plane::by_rows(size, self.control, |row, weights: &mut [f32]| {
             let confidences = &self.confidence.row(rows.start + row)[cols.clone()];
-            self.level.run(Weigh { confidences, near: near.row(row), weights });
+            weigh(self.level, confidences, near.row(row), weights);
             if let Some(faint) = self.faint {
                 let faint = &faint.row(rows.start + row)[cols.clone()];
                 weights
@@ -408,7 +408,7 @@ impl Scene<'_> {
                 let y = frame.rows.start + row;
                 let disparity = &self.disparity.row(y)[frame.cols.clone()];
                 let (place, weights) = ((y, frame.cols.start), frame.weights.row(row));
-                self.level.run(AddToTiles { surface, place, disparity, weights, means });
+                add_to_tiles(self.level, surface, place, disparity, weights, means);
             }
         })
     }
@@ -417,7 +417,7 @@ impl Scene<'_> {
     fn samples(&self, frame: &Surroundings) -> Result<Vec<PlanePixel>> {
         let weights = frame.weights.as_slice();
         let mut sums = zeroed(weights.len().div_ceil(GROUP))?;
-        let pixels = self.level.run(SumHeavy { weights, sums: &mut sums });
+        let pixels = sum_heavy(self.level, weights, &mut sums);
         if pixels < LEAST_PIXELS {
             return Ok(vec![]);
         }
@@ -457,111 +457,80 @@ fn heavy(weight: f32) -> u32 {
 
 /// Sums the weights of the pixels that a plane is fitted to, of every [`GROUP`] pixels, and counts these
 /// pixels.
-struct SumHeavy<'a> {
-    weights: &'a [f32],
-    sums: &'a mut [u32],
-}
-
-impl Loop for SumHeavy<'_> {
-    type Output = usize;
-
-    #[inline(always)]
-    fn run(self) -> usize {
-        let mut count = 0;
-        for (sum, weights) in self.sums.iter_mut().zip(self.weights.chunks(GROUP)) {
-            *sum = weights.iter().map(|weight| heavy(*weight)).sum();
-            let heavy: u32 = weights.iter().map(|weight| u32::from(*weight > LEAST_WEIGHT)).sum();
-            count += heavy as usize;
-        }
-        count
+#[leveled]
+fn sum_heavy(level: Level, weights: &[f32], sums: &mut [u32]) -> usize {
+    let mut count = 0;
+    for (sum, weights) in sums.iter_mut().zip(weights.chunks(GROUP)) {
+        *sum = weights.iter().map(|weight| heavy(*weight)).sum();
+        let heavy: u32 = weights.iter().map(|weight| u32::from(*weight > LEAST_WEIGHT)).sum();
+        count += heavy as usize;
     }
+    count
 }
 
 /// Writes the weights of a row.
-struct Weigh<'a> {
-    confidences: &'a [f32],
-    near: &'a [bool],
-    weights: &'a mut [f32],
-}
-
-impl Loop for Weigh<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        let places = self.weights.iter_mut().zip(self.confidences).zip(self.near);
-        for ((weight, confidence), is_near) in places {
-            *weight = if *is_near { confidence * confidence } else { 0.0 };
-        }
+#[leveled]
+fn weigh(level: Level, confidences: &[f32], near: &[bool], weights: &mut [f32]) {
+    let places = weights.iter_mut().zip(confidences).zip(near);
+    for ((weight, confidence), is_near) in places {
+        *weight = if *is_near { confidence * confidence } else { 0.0 };
     }
 }
 
 /// Counts the pixels of a row between two rings that are sure and near a surface, and all between them. The
-/// row begins at a place.
-struct GoesOn<'a> {
+/// row begins at a place. `known`: disparities and confidences.
+#[leveled]
+fn count_going_on(
+    level: Level,
     surface: Surface,
     place: (usize, usize),
-    /// Disparities and confidences.
-    known: [&'a [f32]; 2],
-    flags: &'a [u16],
-    rings: [&'a [bool]; 2],
-}
-
-impl Loop for GoesOn<'_> {
-    type Output = [u32; 2];
-
-    #[inline(always)]
-    fn run(self) -> [u32; 2] {
-        let Self { surface, place: (y, first), known: [disparity, confidence], flags, rings } =
-            self;
-        let [mut going_on, mut all] = [0; 2];
-        let known = disparity.iter().zip(confidence).zip(flags);
-        let places = known.zip(rings[0].iter().zip(rings[1]));
-        for (i, (((disparity, confidence), flags), (near, far))) in places.enumerate() {
-            let is_between = far & !near;
-            let is_near = (disparity - surface.disparity(y, first + i)).abs() < GOES_ON;
-            // What a smaller copy decides has no outline.
-            let is_sure = (confidence * confidence > LEAST_WEIGHT) & (flags & flag::COARSE == 0);
-            all += u32::from(is_between);
-            going_on += u32::from(is_between & is_near & is_sure);
-        }
-        [going_on, all]
+    known: [&[f32]; 2],
+    flags: &[u16],
+    rings: [&[bool]; 2],
+) -> [u32; 2] {
+    let (y, first) = place;
+    let [disparity, confidence] = known;
+    let [mut going_on, mut all] = [0; 2];
+    let known = disparity.iter().zip(confidence).zip(flags);
+    let places = known.zip(rings[0].iter().zip(rings[1]));
+    for (i, (((disparity, confidence), flags), (near, far))) in places.enumerate() {
+        let is_between = far & !near;
+        let is_near = (disparity - surface.disparity(y, first + i)).abs() < GOES_ON;
+        // What a smaller copy decides has no outline.
+        let is_sure = (confidence * confidence > LEAST_WEIGHT) & (flags & flag::COARSE == 0);
+        all += u32::from(is_between);
+        going_on += u32::from(is_between & is_near & is_sure);
     }
+    [going_on, all]
 }
 
 /// Adds a row that begins at a place to the means over tiles of what agrees with a surface, and of all.
-struct AddToTiles<'a> {
+#[leveled]
+fn add_to_tiles(
+    level: Level,
     surface: Surface,
     place: (usize, usize),
-    disparity: &'a [f32],
-    weights: &'a [f32],
-    means: &'a mut [[f32; 2]],
-}
+    disparity: &[f32],
+    weights: &[f32],
+    means: &mut [[f32; 2]],
+) {
+    let (y, first) = place;
+    let parts = disparity.chunks(COLUMNS).zip(weights.chunks(COLUMNS));
+    for ((disparity, weights), (part, means)) in
+        parts.zip(means.chunks_mut(COLUMNS / TILE).enumerate())
+    {
+        let mut shares = [[0.0; COLUMNS]; 2];
+        let [agreeing, all] = &mut shares;
+        for (i, (disparity, weight)) in disparity.iter().zip(weights).enumerate() {
+            let agrees = (disparity - surface.disparity(y, first + part * COLUMNS + i)).abs() < 1.0;
+            let share = if *weight > 0.0 { weight / (TILE * TILE) as f32 } else { 0.0 };
+            (agreeing[i], all[i]) = (if agrees { share } else { 0.0 }, share);
+        }
 
-impl Loop for AddToTiles<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        let Self { surface, place: (y, first), disparity, weights, means } = self;
-        let parts = disparity.chunks(COLUMNS).zip(weights.chunks(COLUMNS));
-        for ((disparity, weights), (part, means)) in
-            parts.zip(means.chunks_mut(COLUMNS / TILE).enumerate())
-        {
-            let mut shares = [[0.0; COLUMNS]; 2];
-            let [agreeing, all] = &mut shares;
-            for (i, (disparity, weight)) in disparity.iter().zip(weights).enumerate() {
-                let agrees =
-                    (disparity - surface.disparity(y, first + part * COLUMNS + i)).abs() < 1.0;
-                let share = if *weight > 0.0 { weight / (TILE * TILE) as f32 } else { 0.0 };
-                (agreeing[i], all[i]) = (if agrees { share } else { 0.0 }, share);
-            }
-
-            for (of, shares) in shares.iter().enumerate() {
-                for (mean, shares) in means.iter_mut().zip(shares.as_chunks::<TILE>().0) {
-                    for share in shares {
-                        mean[of] += share;
-                    }
+        for (of, shares) in shares.iter().enumerate() {
+            for (mean, shares) in means.iter_mut().zip(shares.as_chunks::<TILE>().0) {
+                for share in shares {
+                    mean[of] += share;
                 }
             }
         }
@@ -569,35 +538,30 @@ impl Loop for AddToTiles<'_> {
 }
 
 /// Writes the confidences of those pixels of a row that are drawn, 0 of the others. The row begins at a
-/// place.
-struct DrawRow<'a> {
+/// place. `known`: disparities, their own confidences and the mean ones around, and the probabilities of the
+/// plane.
+#[leveled]
+fn draw_row(
+    level: Level,
     surface: Surface,
     place: (usize, usize),
-    /// Disparities, their own confidences and the mean ones around, and the probabilities of the plane.
-    known: [&'a [f32]; 4],
-    inside: &'a [bool],
+    known: [&[f32]; 4],
+    inside: &[bool],
     least: f32,
-    drawn: &'a mut [f32],
-}
+    drawn: &mut [f32],
+) {
+    let (y, first) = place;
+    let count = drawn.len();
+    let [disparity, own, around, chances] = known.map(|values| &values[..count]);
+    let inside = &inside[..count];
 
-impl Loop for DrawRow<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        let Self { surface, place: (y, first), known, inside, least, drawn } = self;
-        let count = drawn.len();
-        let [disparity, own, around, chances] = known.map(|values| &values[..count]);
-        let inside = &inside[..count];
-
-        for i in 0..count {
-            let plane = surface.disparity(y, first + i);
-            // A thin thing may be sure of itself amid doubt.
-            let sure = around[i].max(own[i]);
-            let is_better = inside[i] & (sure < TRUST) & (chances[i] > sure) & (plane >= least);
-            let is_drawn = is_better & ((disparity[i] - plane).abs() > LEAST_CHANGE);
-            drawn[i] = if is_drawn { chances[i] } else { 0.0 };
-        }
+    for i in 0..count {
+        let plane = surface.disparity(y, first + i);
+        // A thin thing may be sure of itself amid doubt.
+        let sure = around[i].max(own[i]);
+        let is_better = inside[i] & (sure < TRUST) & (chances[i] > sure) & (plane >= least);
+        let is_drawn = is_better & ((disparity[i] - plane).abs() > LEAST_CHANGE);
+        drawn[i] = if is_drawn { chances[i] } else { 0.0 };
     }
 }
 
@@ -631,7 +595,7 @@ impl Surface {
             let three = [(); 3].map(|()| samples[random.below(samples.len())]);
             let Some(surface) = Self::through(three) else { continue };
 
-            let count = level.run(CountNear { surface, columns: &columns, most });
+            let count = count_near(level, surface, &columns, most);
             if count > most {
                 (best, most) = (Some(surface), count);
             }
@@ -686,36 +650,24 @@ impl Surface {
     }
 }
 
-/// Counts the samples that are near a plane, as long as they may be more than `most`.
-struct CountNear<'a> {
-    surface: Surface,
-    /// Columns, rows and disparities of the samples.
-    columns: &'a [Vec<f64>; 3],
-    most: usize,
-}
+/// Counts the samples that are near a plane, as long as they may be more than `most`. `columns`: columns,
+/// rows and disparities of the samples.
+#[leveled]
+fn count_near(level: Level, surface: Surface, columns: &[Vec<f64>; 3], most: usize) -> usize {
+    let [x, y, disparity] = columns.each_ref().map(|column| column.chunks(COUNTED));
+    let (mut count, mut rest) = (0, columns[0].len());
 
-impl Loop for CountNear<'_> {
-    type Output = usize;
-
-    #[inline(always)]
-    fn run(self) -> usize {
-        let Self { surface, columns, most } = self;
-        let [x, y, disparity] = columns.each_ref().map(|column| column.chunks(COUNTED));
-        let (mut count, mut rest) = (0, columns[0].len());
-
-        for ((x, y), disparity) in x.zip(y).zip(disparity) {
-            let samples = x.iter().zip(y).zip(disparity);
-            let near: u64 =
-                samples.map(|((x, y), d)| u64::from(surface.is_near([*x, *y, *d]))).sum();
-            count += near as usize;
-            rest -= x.len();
-            if count + rest <= most {
-                break;
-            }
+    for ((x, y), disparity) in x.zip(y).zip(disparity) {
+        let samples = x.iter().zip(y).zip(disparity);
+        let near: u64 = samples.map(|((x, y), d)| u64::from(surface.is_near([*x, *y, *d]))).sum();
+        count += near as usize;
+        rest -= x.len();
+        if count + rest <= most {
+            break;
         }
-
-        count
     }
+
+    count
 }
 
 /// The same numbers in every run.

@@ -29,7 +29,7 @@ use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::math::exp_single;
 use phasestereo_match::base::plane::Plane;
-use phasestereo_match::base::simd::{Level, Loop};
+use phasestereo_match::base::simd::{Level, leveled};
 use phasestereo_match::refinement::{calibration, flag};
 
 use crate::verification::traits::{
@@ -100,7 +100,7 @@ pub fn chances(traits: &Traits, level: Level, control: &Control) -> Result<Plane
     let ahead = Sum::new(&weights.ahead, &weights.places, &traits.pair);
     Plane::by_rows(traits.size(), control, |y, row: &mut [Chance]| {
         let around = traits.around(y);
-        level.run(JudgeRow { traits, around, cases: &cases, ahead: &ahead, y, row });
+        judge_row(level, traits, around, &cases, &ahead, y, row);
     })
 }
 
@@ -179,50 +179,42 @@ impl Sum {
 }
 
 /// Judges the claims of a row, a stretch at a time, by the cases that are in it.
-struct JudgeRow<'a> {
-    traits: &'a Traits<'a>,
+#[leveled]
+fn judge_row(
+    level: Level,
+    traits: &Traits<'_>,
     around: AroundRow,
-    cases: &'a [(Sum, Line<{ calibration::KNOTS - 1 }>); CASES],
-    ahead: &'a Sum,
+    cases: &[(Sum, Line<{ calibration::KNOTS - 1 }>); CASES],
+    ahead: &Sum,
     y: usize,
-    row: &'a mut [Chance],
-}
+    row: &mut [Chance],
+) {
+    let (claims, own, flags) = traits.row(y);
+    let stretches = zip(row.chunks_mut(WIDTH), zip(claims.chunks(WIDTH), flags.chunks(WIDTH)));
+    for (first, (out, (claims, flags))) in zip((0..).step_by(WIDTH), stretches) {
+        let values = traits.stretch((y, first), &around);
+        let gaps = &values[0];
+        let mut of_pixel = [0; WIDTH];
+        for (case, (gap, flags)) in zip(&mut of_pixel, zip(gaps, flags)) {
+            *case = if flags & UNSEEN != 0 { 2 } else { u32::from(*gap > AGREES) };
+        }
 
-impl Loop for JudgeRow<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        let Self { traits, around, cases, ahead, y, row } = self;
-        let (claims, own, flags) = traits.row(y);
-        let stretches = zip(row.chunks_mut(WIDTH), zip(claims.chunks(WIDTH), flags.chunks(WIDTH)));
-        for (first, (out, (claims, flags))) in zip((0..).step_by(WIDTH), stretches) {
-            let values = traits.stretch((y, first), &around);
-            let gaps = &values[0];
-            let mut of_pixel = [0; WIDTH];
-            for (case, (gap, flags)) in zip(&mut of_pixel, zip(gaps, flags)) {
-                *case = if flags & UNSEEN != 0 { 2 } else { u32::from(*gap > AGREES) };
+        for (case, (odds, bars)) in (0..).zip(cases) {
+            if !of_pixel[..out.len()].contains(&case) {
+                continue;
             }
-
-            for (case, (odds, bars)) in (0..).zip(cases) {
-                if !of_pixel[..out.len()].contains(&case) {
-                    continue;
-                }
-                let found =
-                    odds.of(&values).map(|odds| (probability(odds), exp_single(bars.at(odds))));
-                for ((out, found), (of, claim)) in zip(zip(&mut *out, found), zip(of_pixel, claims))
-                {
-                    if of == case && claim.is_finite() {
-                        *out = Chance { confidence: found.0, ahead: 0.0, bar: found.1 };
-                    }
+            let found = odds.of(&values).map(|odds| (probability(odds), exp_single(bars.at(odds))));
+            for ((out, found), (of, claim)) in zip(zip(&mut *out, found), zip(of_pixel, claims)) {
+                if of == case && claim.is_finite() {
+                    *out = Chance { confidence: found.0, ahead: 0.0, bar: found.1 };
                 }
             }
-            if gaps[..out.len()].iter().any(|gap| *gap > AGREES) {
-                let differs = zip(claims, &own[first..]).map(|(claim, own)| (own - claim).abs());
-                for (out, (gap, ahead)) in zip(&mut *out, zip(differs, ahead.of(&values))) {
-                    if gap.is_finite() && gap > AGREES {
-                        out.ahead = ahead;
-                    }
+        }
+        if gaps[..out.len()].iter().any(|gap| *gap > AGREES) {
+            let differs = zip(claims, &own[first..]).map(|(claim, own)| (own - claim).abs());
+            for (out, (gap, ahead)) in zip(&mut *out, zip(differs, ahead.of(&values))) {
+                if gap.is_finite() && gap > AGREES {
+                    out.ahead = ahead;
                 }
             }
         }

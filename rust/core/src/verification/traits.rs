@@ -21,7 +21,7 @@ use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::math::ln_single;
 use phasestereo_match::base::plane::Plane;
-use phasestereo_match::base::simd::{Level, Loop, whole};
+use phasestereo_match::base::simd::{Level, leveled, whole};
 use phasestereo_match::image::texture::Roughness;
 use phasestereo_match::image::window_sums::{Beyond, Windows};
 use phasestereo_match::matcher::Disparity;
@@ -221,8 +221,8 @@ impl<'a> Traits<'a> {
     /// What is around the claims of a row.
     pub fn around(&self, y: usize) -> AroundRow {
         let (claims, own) = (self.map, &self.own.disparity);
-        let range = |plane, radius| self.level.run(RangeAround { plane, y, radius });
-        let nowhere = self.level.run(NearestAround { claims: claims.row(y), own, y });
+        let range = |plane, radius| range_around(self.level, plane, y, radius);
+        let nowhere = nearest_around(self.level, claims.row(y), own, y);
 
         let cols = claims.cols();
         let row = claims.row(y).iter().enumerate();
@@ -245,71 +245,49 @@ fn rows_around(y: usize, radius: usize, rows: usize) -> std::ops::Range<usize> {
 
 /// The ranges of the finite values within a distance of the pixels of a row; 0 without any, at most
 /// [`LARGEST`].
-struct RangeAround<'a> {
-    plane: &'a Plane<f32>,
-    y: usize,
-    radius: usize,
-}
-
-impl Loop for RangeAround<'_> {
-    type Output = Vec<f32>;
-
-    #[inline(always)]
-    fn run(self) -> Vec<f32> {
-        let Self { plane, y, radius } = self;
-        let cols = plane.cols();
-        let [mut low, mut high] =
-            [f32::INFINITY, f32::NEG_INFINITY].map(|none| vec![none; cols + 2 * radius]);
-        for v in rows_around(y, radius, plane.rows()) {
-            let columns = low[radius..].iter_mut().zip(&mut high[radius..]);
-            for ((low, high), value) in columns.zip(plane.row(v)) {
-                *low = low.min(if value.is_finite() { *value } else { f32::INFINITY });
-                *high = high.max(if value.is_finite() { *value } else { f32::NEG_INFINITY });
-            }
+#[leveled]
+fn range_around(level: Level, plane: &Plane<f32>, y: usize, radius: usize) -> Vec<f32> {
+    let cols = plane.cols();
+    let [mut low, mut high] =
+        [f32::INFINITY, f32::NEG_INFINITY].map(|none| vec![none; cols + 2 * radius]);
+    for v in rows_around(y, radius, plane.rows()) {
+        let columns = low[radius..].iter_mut().zip(&mut high[radius..]);
+        for ((low, high), value) in columns.zip(plane.row(v)) {
+            *low = low.min(if value.is_finite() { *value } else { f32::INFINITY });
+            *high = high.max(if value.is_finite() { *value } else { f32::NEG_INFINITY });
         }
-
-        let mut found = [low[..cols].to_vec(), high[..cols].to_vec()];
-        let [least, largest] = &mut found;
-        for by in 1..=2 * radius {
-            least.iter_mut().zip(&low[by..]).for_each(|(least, low)| *least = least.min(*low));
-            largest.iter_mut().zip(&high[by..]).for_each(|(most, high)| *most = most.max(*high));
-        }
-        let [mut least, largest] = found;
-        for (least, largest) in least.iter_mut().zip(largest) {
-            *least = (largest - *least).clamp(0.0, LARGEST);
-        }
-        least
     }
+
+    let mut found = [low[..cols].to_vec(), high[..cols].to_vec()];
+    let [least, largest] = &mut found;
+    for by in 1..=2 * radius {
+        least.iter_mut().zip(&low[by..]).for_each(|(least, low)| *least = least.min(*low));
+        largest.iter_mut().zip(&high[by..]).for_each(|(most, high)| *most = most.max(*high));
+    }
+    let [mut least, largest] = found;
+    for (least, largest) in least.iter_mut().zip(largest) {
+        *least = (largest - *least).clamp(0.0, LARGEST);
+    }
+    least
 }
 
 /// The least difference of an own disparity around from the claims of a row, at most [`LARGEST`].
-struct NearestAround<'a> {
-    claims: &'a [f32],
-    own: &'a Plane<f32>,
-    y: usize,
-}
-
-impl Loop for NearestAround<'_> {
-    type Output = Vec<f32>;
-
-    #[inline(always)]
-    fn run(self) -> Vec<f32> {
-        let Self { claims, own, y } = self;
-        let mut found = vec![LARGEST; claims.len()];
-        for v in rows_around(y, RANGE, own.rows()) {
-            for by in 0..=2 * RANGE {
-                // Columns x and x + by - RANGE.
-                let (here, there) = (RANGE.saturating_sub(by), by.saturating_sub(RANGE));
-                let own = own.row(v).get(there..).unwrap_or_default();
-                let claims = claims.get(here..).unwrap_or_default();
-                let found = found.get_mut(here..).unwrap_or_default();
-                for ((found, claim), own) in found.iter_mut().zip(claims).zip(own) {
-                    *found = found.min((own - claim).abs());
-                }
+#[leveled]
+fn nearest_around(level: Level, claims: &[f32], own: &Plane<f32>, y: usize) -> Vec<f32> {
+    let mut found = vec![LARGEST; claims.len()];
+    for v in rows_around(y, RANGE, own.rows()) {
+        for by in 0..=2 * RANGE {
+            // Columns x and x + by - RANGE.
+            let (here, there) = (RANGE.saturating_sub(by), by.saturating_sub(RANGE));
+            let own = own.row(v).get(there..).unwrap_or_default();
+            let claims = claims.get(here..).unwrap_or_default();
+            let found = found.get_mut(here..).unwrap_or_default();
+            for ((found, claim), own) in found.iter_mut().zip(claims).zip(own) {
+                *found = found.min((own - claim).abs());
             }
         }
-        found
     }
+    found
 }
 
 /// What is summed of all pixels.
@@ -390,8 +368,8 @@ mod tests {
 
         for level in Level::all().filter_map(|(_, level)| level) {
             for (y, radius) in [(0, 1), (4, 3), (10, 3)] {
-                let ranges = level.run(RangeAround { plane: &claims, y, radius });
-                let nearest = level.run(NearestAround { claims: claims.row(y), own: &own, y });
+                let ranges = range_around(level, &claims, y, radius);
+                let nearest = nearest_around(level, claims.row(y), &own, y);
                 for x in 0..13 {
                     let all: Vec<f32> =
                         window(y, x, radius).map(|(v, u)| claims.row(v)[u]).collect();

@@ -48,7 +48,7 @@ use crate::video::choices::{
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::plane::Plane;
-use phasestereo_match::base::simd::{Level, Loop};
+use phasestereo_match::base::simd::{Level, leveled};
 use phasestereo_match::matcher::Disparity;
 use phasestereo_match::pair::Pair;
 use phasestereo_match::pair::candidates::Candidates;
@@ -199,8 +199,8 @@ impl Before {
 
             let changed = [left.row(y), right.row(y)];
             let moved = moved.row(y / MOVED_BLOCK);
-            level.run(Follow { changed, moved, before, support, now, marks });
-            level.run(Keep { stays: marks, before: flags, now: new_flags });
+            follow_row(level, changed, moved, before, support, now, marks);
+            keep(level, marks, flags, new_flags);
             Ok(())
         })?;
 
@@ -211,7 +211,7 @@ impl Before {
             let rows = before.as_mut_slice().par_chunks_mut(cols);
             let rows = rows.zip(now.as_mut_slice().par_chunks_mut(cols));
             let rows = rows.zip(self.marks.as_slice().par_chunks(cols));
-            rows.for_each(|((before, now), stays)| level.run(Keep { stays, before, now }));
+            rows.for_each(|((before, now), stays)| keep(level, stays, before, now));
         }
 
         Ok(())
@@ -226,30 +226,25 @@ fn compared(settings: &Settings) -> Settings {
 
 /// The recurrence along a row: writes the result to both `before` and `now`, and marks where the disparity
 /// before stays.
-struct Follow<'a> {
-    changed: [&'a [bool]; 2],
-    moved: &'a [bool],
-    before: &'a mut [f32],
-    support: &'a mut [u8],
-    now: &'a mut [f32],
-    marks: &'a mut [bool],
-}
+#[leveled]
+fn follow_row(
+    level: Level,
+    changed: [&[bool]; 2],
+    moved: &[bool],
+    before: &mut [f32],
+    support: &mut [u8],
+    now: &mut [f32],
+    marks: &mut [bool],
+) {
+    let [left, right] = changed;
 
-impl Loop for Follow<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        let Self { changed: [left, right], moved, before, support, now, marks } = self;
-
-        mark_changed(left, right, before, now, marks);
-        for (marks, has_moved) in marks.chunks_mut(MOVED_BLOCK).zip(moved) {
-            if *has_moved {
-                marks.fill(true);
-            }
+    mark_changed(left, right, before, now, marks);
+    for (marks, has_moved) in marks.chunks_mut(MOVED_BLOCK).zip(moved) {
+        if *has_moved {
+            marks.fill(true);
         }
-        follow(before, support, now, marks);
     }
+    follow(before, support, now, marks);
 }
 
 /// Marks pixels where the left view has changed, or the right view at the match of the disparity before or of
@@ -308,22 +303,12 @@ fn follow(before: &mut [f32], support: &mut [u8], now: &mut [f32], marks: &mut [
 
 /// Flags or confidences of a row: writes those before to `now` where the disparity stays, and all of `now` to
 /// `before`.
-struct Keep<'a, T> {
-    stays: &'a [bool],
-    before: &'a mut [T],
-    now: &'a mut [T],
-}
-
-impl<T: Copy> Loop for Keep<'_, T> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        let count = self.now.len();
-        let (stays, before) = (&self.stays[..count], &mut self.before[..count]);
-        for x in 0..count {
-            let kept = if stays[x] { before[x] } else { self.now[x] };
-            (before[x], self.now[x]) = (kept, kept);
-        }
+#[leveled]
+fn keep<T: Copy>(level: Level, stays: &[bool], before: &mut [T], now: &mut [T]) {
+    let count = now.len();
+    let (stays, before) = (&stays[..count], &mut before[..count]);
+    for x in 0..count {
+        let kept = if stays[x] { before[x] } else { now[x] };
+        (before[x], now[x]) = (kept, kept);
     }
 }

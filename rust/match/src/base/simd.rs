@@ -4,6 +4,8 @@
 //! level.run(loop)   ->   avx2(loop) { loop.run() }      # compiled with AVX2, `run` inlined
 //! ```
 //!
+//! Most loops are functions with the attribute [`leveled`].
+//!
 //! This is the only file with unsafe code, beside the C interface, and the only one that names an
 //! architecture.
 
@@ -13,6 +15,8 @@
 )]
 
 use std::sync::OnceLock;
+
+pub use phasestereo_leveled::leveled;
 
 /// The environment variable that lowers the level.
 pub const OVERRIDE: &str = "PHASESTEREO_SIMD";
@@ -29,6 +33,45 @@ pub trait Loop {
     const COUNTS_BITS: bool = false;
     /// Runs the loop.
     fn run(self) -> Self::Output;
+}
+
+/// What [`leveled`](crate::base::simd::leveled) makes of a function of a level and what its loop is over: the
+/// level runs its body, as a [`Loop`](crate::base::simd::Loop). Outputs and inputs are arguments of their own, so
+/// that the vectorizer knows that they do not overlap.
+#[doc(hidden)]
+#[macro_export]
+macro_rules! by_level {
+    (
+        $(#[$meta:meta])*
+        $visibility:vis fn $name:ident $(<$($generic:ident: $bound:path),+>)? (
+            $level:ident: $of:ty, $($argument:ident: $type:ty),+ $(,)?
+        ) $(-> $output:ty)? $body:block
+    ) => {
+        $(#[$meta])*
+        #[inline]
+        $visibility fn $name $(<$($generic: $bound),+>)? (
+            $level: $of, $($argument: $type),+
+        ) $(-> $output)? {
+            #[inline(always)]
+            fn run $(<$($generic: $bound),+>)? ($($argument: $type),+) $(-> $output)? $body
+
+            struct Arguments<T>(T);
+
+            impl $(<$($generic: $bound),+>)? $crate::base::simd::Loop for Arguments<($($type,)+)> {
+                type Output = $crate::by_level!(@output $($output)?);
+
+                #[inline(always)]
+                fn run(self) -> Self::Output {
+                    let Self(($($argument,)+)) = self;
+                    run($($argument),+)
+                }
+            }
+
+            $level.run(Arguments(($($argument,)+)))
+        }
+    };
+    (@output) => { () };
+    (@output $output:ty) => { $output };
 }
 
 /// A value without its fraction, cut to magnitudes up to 2^30; 0 for NaN. A cast by `as` saturates, for which
@@ -299,14 +342,9 @@ mod tests {
 
     #[test]
     fn every_level_runs_the_same_code() {
-        struct ByteSum<'a>(&'a [u8]);
-
-        impl Loop for ByteSum<'_> {
-            type Output = u32;
-            #[inline(always)]
-            fn run(self) -> u32 {
-                self.0.iter().map(|value| u32::from(*value)).sum()
-            }
+        #[leveled]
+        fn byte_sum(level: Level, bytes: &[u8]) -> u32 {
+            bytes.iter().map(|value| u32::from(*value)).sum()
         }
 
         let values: Vec<u8> = (0..1000).map(|i| i as u8).collect();
@@ -314,7 +352,7 @@ mod tests {
 
         for (name, level) in Level::all() {
             match level {
-                Some(level) => assert_eq!(level.run(ByteSum(&values)), expected, "{name}"),
+                Some(level) => assert_eq!(byte_sum(level, &values), expected, "{name}"),
                 None => println!("{name}: not run, this machine does not have it"),
             }
         }
@@ -322,18 +360,9 @@ mod tests {
 
     #[test]
     fn every_level_finds_the_bits_and_the_least_of_bytes() {
-        struct Rows<'a>(&'a [[u8; 32]; 16]);
-
-        impl Loop for Rows<'_> {
-            type Output = ([u32; 16], [u8; 16]);
-            #[inline(always)]
-            fn run(self) -> Self::Output {
-                let mut bits = [0; 16];
-                for (bits, row) in bits.iter_mut().zip(self.0) {
-                    *bits = highest_bits(row);
-                }
-                (bits, least_bytes(self.0))
-            }
+        #[leveled]
+        fn bits_and_least(level: Level, rows: &[[u8; 32]; 16]) -> ([u32; 16], [u8; 16]) {
+            (rows.map(|row| highest_bits(&row)), least_bytes(rows))
         }
 
         // The least byte of row `i` is 5 `i`, at place 7 `i`.
@@ -351,7 +380,7 @@ mod tests {
         );
         for (name, level) in Level::all() {
             if let Some(level) = level {
-                assert_eq!(level.run(Rows(&rows)), (bits, least), "{name}");
+                assert_eq!(bits_and_least(level, &rows), (bits, least), "{name}");
             }
         }
     }

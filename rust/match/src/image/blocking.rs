@@ -16,7 +16,7 @@ use std::ops::Range;
 
 use crate::base::error::Result;
 use crate::base::plane::{Plane, zeroed};
-use crate::base::simd::{Level, Loop};
+use crate::base::simd::{Level, leveled};
 
 /// Side of a block, pixels.
 const SIDE: usize = 8;
@@ -58,8 +58,8 @@ impl Extra {
                 let found = &mut found[..cols - 3];
                 let rows = [own, &own[1..], &own[2..], &own[3..]];
 
-                level.run(BlockDifferences { rows, clip, found });
-                level.run(AddTo { sums: &mut sums, found });
+                block_differences(level, rows, clip, found);
+                add_to(level, &mut sums, found);
 
                 // Columns 0 to `cols - 4` of this phase.
                 for phase in 0..SIDE {
@@ -71,10 +71,10 @@ impl Extra {
             let row = first + y;
             if row >= 1 && row + REACH < height {
                 let rows = [plane.row(y - 1), own, plane.row(y + 1), plane.row(y + 2)];
-                level.run(BlockDifferences { rows, clip, found: &mut found });
+                block_differences(level, rows, clip, &mut found);
 
                 let phase = row % SIDE;
-                extra.sums[1][phase] += level.run(Sum(&found));
+                extra.sums[1][phase] += sum_of(level, &found);
                 extra.counts[1][phase] += cols as u64;
             }
         }
@@ -117,60 +117,28 @@ impl Extra {
 }
 
 /// Adds what was found in one row to the sums of its columns.
-struct AddTo<'a> {
-    sums: &'a mut [i64],
-    found: &'a [i32],
-}
-
-impl Loop for AddTo<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        for (sum, found) in self.sums.iter_mut().zip(self.found) {
-            *sum += i64::from(*found);
-        }
+#[leveled]
+fn add_to(level: Level, sums: &mut [i64], found: &[i32]) {
+    for (sum, found) in sums.iter_mut().zip(found) {
+        *sum += i64::from(*found);
     }
 }
 
 /// The sum of what was found in one row.
-struct Sum<'a>(&'a [i32]);
-
-impl Loop for Sum<'_> {
-    type Output = i64;
-
-    #[inline(always)]
-    fn run(self) -> i64 {
-        self.0.iter().map(|found| i64::from(*found)).sum()
-    }
+#[leveled]
+fn sum_of(level: Level, found: &[i32]) -> i64 {
+    found.iter().map(|found| i64::from(*found)).sum()
 }
 
 /// Writes twice the extra differences between the second and the third of four rows, or of four columns.
-struct BlockDifferences<'a> {
-    rows: [&'a [i32]; 4],
-    clip: i32,
-    found: &'a mut [i32],
-}
-
-impl Loop for BlockDifferences<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        write_differences(self.rows, self.clip, self.found);
-    }
-}
-
-/// As [`BlockDifferences`]; outputs and inputs are arguments of their own, so that the vectorizer knows that they
-/// do not overlap.
-#[inline(always)]
-#[expect(clippy::many_single_char_names, reason = "neighbors in order")]
-fn write_differences([a, b, c, d]: [&[i32]; 4], clip: i32, found: &mut [i32]) {
+#[leveled]
+fn block_differences(level: Level, rows: [&[i32]; 4], clip: i32, found: &mut [i32]) {
     let n = found.len();
-    let (a, b, c, d) = (&a[..n], &b[..n], &c[..n], &d[..n]);
+    let [before, one, other, after] = rows.map(|row| &row[..n]);
 
     for i in 0..n {
-        let extra = 2 * (b[i] - c[i]).abs() - (a[i] - b[i]).abs() - (c[i] - d[i]).abs();
+        let beside = (before[i] - one[i]).abs() + (other[i] - after[i]).abs();
+        let extra = 2 * (one[i] - other[i]).abs() - beside;
         found[i] = extra.clamp(-clip, clip);
     }
 }

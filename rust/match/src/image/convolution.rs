@@ -11,7 +11,7 @@ use std::ops::Range;
 use crate::base::control::Control;
 use crate::base::error::{Error, Result};
 use crate::base::plane::{Plane, reflect, zeroed};
-use crate::base::simd::{self, Level};
+use crate::base::simd::{Level, leveled};
 use crate::image::LARGEST_KERNEL;
 use crate::image::intensity::{FINER_LOG2, Gray, LARGEST_REACH};
 
@@ -141,14 +141,14 @@ pub fn convolve(
 
     Plane::by_bands(gray.size(), 1, |y, out| {
         control.checkpoint()?;
-        level.run(Sums { pass: &first, pixels: &pixels.as_slice()[y * first.width..], out });
+        write_row(level, &first, &pixels.as_slice()[y * first.width..], out);
 
         // The second pass needs one row only, so it follows at once, while the row is in the cache.
         if let Some(pass) = &second {
             let mut row = zeroed(pass.width)?;
             row[pass.columns(out.len())].copy_from_slice(out);
             pass.continue_sides(&mut row, out.len());
-            level.run(Sums { pass, pixels: &row, out });
+            write_row(level, pass, &row, out);
         }
 
         Ok(())
@@ -336,23 +336,13 @@ impl KernelPass {
 }
 
 /// Writes one row of rounded sums, from the first row under the kernel on.
-struct Sums<'a> {
-    pass: &'a KernelPass,
-    pixels: &'a [i32],
-    out: &'a mut [i32],
-}
-
-impl simd::Loop for Sums<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        let Self { pass: KernelPass { taps, shift, is_narrow, .. }, pixels, out } = self;
-        if *is_narrow {
-            write_sums::<i32>(taps, *shift, pixels, out);
-        } else {
-            write_sums::<i64>(taps, *shift, pixels, out);
-        }
+#[leveled]
+fn write_row(level: Level, pass: &KernelPass, pixels: &[i32], out: &mut [i32]) {
+    let KernelPass { taps, shift, is_narrow, .. } = pass;
+    if *is_narrow {
+        write_sums::<i32>(taps, *shift, pixels, out);
+    } else {
+        write_sums::<i64>(taps, *shift, pixels, out);
     }
 }
 

@@ -15,7 +15,7 @@
 use crate::base::control::Control;
 use crate::base::error::Result;
 use crate::base::plane::{Plane, zeroed};
-use crate::base::simd::{Level, Loop};
+use crate::base::simd::{Level, leveled};
 
 /// Rows above and below a pixel whose values count.
 pub const REACH: usize = 1;
@@ -40,7 +40,7 @@ pub fn repaired(
     let (rows, cols) = (plane.rows(), plane.cols());
     Plane::by_bands((rows, cols), 1, |y, out| {
         control.checkpoint()?;
-        level.run(Repair { rows: around(plane, y), height, out });
+        repair_row(level, around(plane, y), height, out);
         Ok(())
     })
 }
@@ -57,8 +57,7 @@ pub fn count_doubtless(
     let height = (DOUBTLESS_HEIGHT * steps) as i32;
 
     for y in rows {
-        count +=
-            u64::from(level.run(Doubtless { rows: around(plane, y), height, found: &mut found }));
+        count += u64::from(doubtless(level, around(plane, y), height, &mut found));
     }
 
     Ok(count)
@@ -95,27 +94,16 @@ fn neighbors(rows: [&[i32]; 3], x: usize) -> [[i32; 3]; 3] {
 }
 
 /// Writes a row without impulses.
-struct Repair<'a> {
-    rows: [&'a [i32]; 3],
-    height: i32,
-    out: &'a mut [i32],
-}
+#[leveled]
+fn repair_row(level: Level, rows: [&[i32]; 3], height: i32, out: &mut [i32]) {
+    let cols = out.len();
 
-impl Loop for Repair<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        let Self { rows, height, out } = self;
-        let cols = out.len();
-
-        for x in ends(cols) {
-            let [above, own, below] = &neighbors(rows, x);
-            repair([above, own, below], height, &mut out[x..=x]);
-        }
-        if cols > 2 {
-            repair(rows, height, &mut out[1..cols - 1]);
-        }
+    for x in ends(cols) {
+        let [above, own, below] = &neighbors(rows, x);
+        repair([above, own, below], height, &mut out[x..=x]);
+    }
+    if cols > 2 {
+        repair(rows, height, &mut out[1..cols - 1]);
     }
 }
 
@@ -133,33 +121,22 @@ fn repair([above, own, below]: [&[i32]; 3], height: i32, out: &mut [i32]) {
 }
 
 /// Writes 1 for impulses beyond doubt, else 0, and counts them.
-struct Doubtless<'a> {
-    rows: [&'a [i32]; 3],
-    height: i32,
-    found: &'a mut [u32],
-}
+#[leveled]
+fn doubtless(level: Level, rows: [&[i32]; 3], height: i32, found: &mut [u32]) -> u32 {
+    let cols = found.len();
 
-impl Loop for Doubtless<'_> {
-    type Output = u32;
-
-    #[inline(always)]
-    fn run(self) -> u32 {
-        let Self { rows, height, found } = self;
-        let cols = found.len();
-
-        for x in ends(cols) {
-            let [above, own, below] = &neighbors(rows, x);
-            find_doubtless([above, own, below], height, &mut found[x..=x]);
-        }
-        if cols > 2 {
-            find_doubtless(rows, height, &mut found[1..cols - 1]);
-        }
-
-        found.iter().sum()
+    for x in ends(cols) {
+        let [above, own, below] = &neighbors(rows, x);
+        find_doubtless([above, own, below], height, &mut found[x..=x]);
     }
+    if cols > 2 {
+        find_doubtless(rows, height, &mut found[1..cols - 1]);
+    }
+
+    found.iter().sum()
 }
 
-/// As [`Doubtless`]; arguments of its own as for [`repair`].
+/// As [`doubtless`]; arguments of its own as for [`repair`].
 #[inline(always)]
 fn find_doubtless([above, own, below]: [&[i32]; 3], height: i32, found: &mut [u32]) {
     let n = found.len();

@@ -24,7 +24,7 @@ use crate::base::control::Control;
 use crate::base::error::Result;
 use crate::base::memory::Memory;
 use crate::base::plane::{Plane, reflect};
-use crate::base::simd::{Level, Loop};
+use crate::base::simd::{Level, leveled};
 use crate::base::value::nearest;
 use crate::image::intensity::{FINER_LOG2, Gray};
 
@@ -162,7 +162,7 @@ impl Smoothing<'_> {
         let places = windows.start as isize - RADIUS as isize..(windows.end + RADIUS) as isize;
         for (y, values) in places.zip(buffers.values.chunks_exact_mut(width(cols))) {
             let row = self.gray.row(reflect(y, rows));
-            self.level.run(Widen { row, values: &mut values[MARGIN..][..cols] });
+            widen(self.level, row, &mut values[MARGIN..][..cols]);
             continue_sides(values, cols);
         }
     }
@@ -180,7 +180,7 @@ impl Smoothing<'_> {
                 let values = window_rows(values, &part, |dy| (y + dy) * width);
                 let own = y * width + MARGIN + part.start;
                 let out = [&mut *shares, drawn].map(|rows| &mut rows[own..][..part.len()]);
-                self.level.run(ShareWindows { values, columns, noise: self.noise, out });
+                share_windows(self.level, values, columns, self.noise, out);
             }
         }
 
@@ -213,7 +213,7 @@ impl Smoothing<'_> {
                 let own = (y + RADIUS - first_window) * width + MARGIN + part.start;
                 let values = &values[own..][..part.len()];
                 let smoothed = &mut row[part.clone()];
-                self.level.run(FilterRow { values, windows, columns, scale: self.scale, smoothed });
+                filter_row(self.level, values, windows, columns, self.scale, smoothed);
 
                 let part = part.start..part.end.min(cols);
                 out[part.clone()].copy_from_slice(&row[part]);
@@ -236,19 +236,10 @@ fn width(cols: usize) -> usize {
 }
 
 /// Converts a row.
-struct Widen<'a> {
-    row: &'a [i32],
-    values: &'a mut [f64],
-}
-
-impl Loop for Widen<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        for (value, gray) in self.values.iter_mut().zip(self.row) {
-            *value = f64::from(*gray);
-        }
+#[leveled]
+fn widen(level: Level, row: &[i32], values: &mut [f64]) {
+    for (value, gray) in values.iter_mut().zip(row) {
+        *value = f64::from(*gray);
     }
 }
 
@@ -271,46 +262,36 @@ fn continue_sides(row: &mut [f64], cols: usize) {
 }
 
 /// Writes the shares of a row of windows, and those of their means.
-struct ShareWindows<'a> {
-    values: [&'a [f64]; SIDE],
-    columns: &'a mut [Memory<f64>; 2],
+#[leveled]
+fn share_windows(
+    level: Level,
+    values: [&[f64]; SIDE],
+    columns: &mut [Memory<f64>; 2],
     noise: f64,
-    out: [&'a mut [f64]; 2],
-}
+    out: [&mut [f64]; 2],
+) {
+    let [shares, drawn] = out;
+    let [sums, squares] = columns;
+    add_squares(values, sums, squares);
 
-impl Loop for ShareWindows<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        let [shares, drawn] = self.out;
-        let [sums, squares] = self.columns;
-        add_squares(self.values, sums, squares);
-
-        write_shares(sums, squares, self.noise, shares, drawn);
-    }
+    write_shares(sums, squares, noise, shares, drawn);
 }
 
 /// Writes a row of smoothed values, from rows of shares, and of shares of means.
-struct FilterRow<'a> {
-    values: &'a [f64],
-    windows: [[&'a [f64]; SIDE]; 2],
-    columns: &'a mut [Memory<f64>; 2],
+#[leveled]
+fn filter_row(
+    level: Level,
+    values: &[f64],
+    windows: [[&[f64]; SIDE]; 2],
+    columns: &mut [Memory<f64>; 2],
     scale: f64,
-    smoothed: &'a mut [i32],
-}
+    smoothed: &mut [i32],
+) {
+    let [shares, drawn] = columns;
+    add_columns(windows[0], shares);
+    add_columns(windows[1], drawn);
 
-impl Loop for FilterRow<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        let [shares, drawn] = self.columns;
-        add_columns(self.windows[0], shares);
-        add_columns(self.windows[1], drawn);
-
-        write_smoothed(self.values, shares, drawn, self.scale, self.smoothed);
-    }
+    write_smoothed(values, shares, drawn, scale, smoothed);
 }
 
 /// Sums of columns, in the order of their rows.

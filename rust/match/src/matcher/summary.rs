@@ -1,7 +1,7 @@
 //! Statistics of a whole disparity map, which indicate whether to trust the match.
 
 use crate::base::plane::Plane;
-use crate::base::simd::{Level, Loop, whole};
+use crate::base::simd::{Level, leveled, whole};
 use crate::matcher::Disparity;
 use crate::pair::candidates::Candidates;
 use crate::refinement::calibration::{FAILED, STEPS};
@@ -95,7 +95,7 @@ impl PixelCounts {
         // Sub-pixel disparities lie up to half a pixel from their candidate.
         let ends = [ends[0] + 0.5, ends[1] - 0.5];
         for (disparity, flags) in disparity.chunks(PART).zip(flags.chunks(PART)) {
-            let part = level.run(CountPart { disparity, flags, ends });
+            let part = count_part(level, disparity, flags, ends);
             let [estimated, flagged, at_low, at_high, coarse, inferred, second] =
                 part.map(u64::from);
             counts.estimated += estimated;
@@ -109,7 +109,7 @@ impl PixelCounts {
 
         let confidence = confidence.unwrap_or_default().chunks(PART);
         for (confidence, disparity) in confidence.zip(disparity.chunks(PART)) {
-            let [all, right] = level.run(SumPart { confidence, disparity });
+            let [all, right] = sum_part(level, confidence, disparity);
             counts.confidence += u64::from(all);
             counts.right += u64::from(right);
         }
@@ -119,54 +119,35 @@ impl PixelCounts {
 }
 
 /// Counts pixels with an estimate, flagged ones, and those at either end.
-struct CountPart<'a> {
-    disparity: &'a [f32],
-    flags: &'a [u16],
-    ends: [f32; 2],
-}
+#[leveled]
+fn count_part(level: Level, disparity: &[f32], flags: &[u16], ends: [f32; 2]) -> [u32; 7] {
+    let [mut estimated, mut flagged, mut at_low, mut at_high] = [0; 4];
+    let [mut coarse, mut inferred, mut second] = [0; 3];
 
-impl Loop for CountPart<'_> {
-    type Output = [u32; 7];
-
-    #[inline(always)]
-    fn run(self) -> [u32; 7] {
-        let [mut estimated, mut flagged, mut at_low, mut at_high] = [0; 4];
-        let [mut coarse, mut inferred, mut second] = [0; 3];
-
-        for (disparity, flags) in self.disparity.iter().zip(self.flags) {
-            let is_own = flags & FOREIGN == 0;
-            estimated += u32::from(!disparity.is_nan());
-            flagged += u32::from(flags & FAILED != 0);
-            at_low += u32::from(is_own & (*disparity < self.ends[0]));
-            at_high += u32::from(is_own & (*disparity > self.ends[1]));
-            coarse += u32::from(flags & flag::COARSE != 0);
-            inferred += u32::from(flags & flag::INFERRED != 0);
-            second += u32::from(flags & flag::SECOND != 0);
-        }
-        [estimated, flagged, at_low, at_high, coarse, inferred, second]
+    for (disparity, flags) in disparity.iter().zip(flags) {
+        let is_own = flags & FOREIGN == 0;
+        estimated += u32::from(!disparity.is_nan());
+        flagged += u32::from(flags & FAILED != 0);
+        at_low += u32::from(is_own & (*disparity < ends[0]));
+        at_high += u32::from(is_own & (*disparity > ends[1]));
+        coarse += u32::from(flags & flag::COARSE != 0);
+        inferred += u32::from(flags & flag::INFERRED != 0);
+        second += u32::from(flags & flag::SECOND != 0);
     }
+    [estimated, flagged, at_low, at_high, coarse, inferred, second]
 }
 
 /// Sums confidences, in steps: of all pixels, and of those with an estimate.
-struct SumPart<'a> {
-    confidence: &'a [f32],
-    disparity: &'a [f32],
-}
+#[leveled]
+fn sum_part(level: Level, confidence: &[f32], disparity: &[f32]) -> [u32; 2] {
+    let [mut all, mut right] = [0; 2];
 
-impl Loop for SumPart<'_> {
-    type Output = [u32; 2];
-
-    #[inline(always)]
-    fn run(self) -> [u32; 2] {
-        let [mut all, mut right] = [0; 2];
-
-        for (confidence, disparity) in self.confidence.iter().zip(self.disparity) {
-            let steps = whole(confidence * STEPS) as u32;
-            all += steps;
-            right += if disparity.is_nan() { 0 } else { steps };
-        }
-        [all, right]
+    for (confidence, disparity) in confidence.iter().zip(disparity) {
+        let steps = whole(confidence * STEPS) as u32;
+        all += steps;
+        right += if disparity.is_nan() { 0 } else { steps };
     }
+    [all, right]
 }
 
 #[cfg(test)]

@@ -4,7 +4,7 @@
 use crate::base::control::Control;
 use crate::base::error::Result;
 use crate::base::plane::Plane;
-use crate::base::simd::{Level, Loop};
+use crate::base::simd::{Level, leveled};
 use crate::choices::LARGE_JUMP;
 use crate::image::texture::Texture;
 use crate::pair::plan::{Bytes, Demand, Plan, Stage};
@@ -63,7 +63,7 @@ impl Edges {
             for (y, edges) in (first..).zip(band.chunks_mut(cols)) {
                 // The first row is its own neighbor above: no jump.
                 let above = gray.row(y.saturating_sub(1));
-                level.run(Classify { here: gray.row(y), above, small, edges });
+                classify(level, gray.row(y), above, small, edges);
             }
 
             Ok(())
@@ -101,25 +101,13 @@ impl Edges {
 }
 
 /// Classifies the jumps of a row.
-struct Classify<'a> {
-    here: &'a [i32],
-    above: &'a [i32],
-    small: u32,
-    edges: &'a mut [u8],
-}
+#[leveled]
+fn classify(level: Level, here: &[i32], above: &[i32], small: u32, edges: &mut [u8]) {
+    let last = here.len() - 1;
+    edges.fill(0);
 
-impl Loop for Classify<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        let Self { here, above, small, edges } = self;
-        let last = here.len() - 1;
-        edges.fill(0);
-
-        mark(edges, here, above, small, Neighbor::Above);
-        mark(&mut edges[1..], &here[1..], &here[..last], small, Neighbor::Left);
-    }
+    mark(edges, here, above, small, Neighbor::Above);
+    mark(&mut edges[1..], &here[1..], &here[..last], small, Neighbor::Left);
 }
 
 /// Writes the class of the difference from one neighbor into the bits of that neighbor.

@@ -23,7 +23,7 @@
 use crate::base::control::Control;
 use crate::base::error::Result;
 use crate::base::memory::Memory;
-use crate::base::simd::{Level, Loop};
+use crate::base::simd::{Level, leveled};
 use crate::base::value::{LANES, Lanes, Value};
 use crate::cost::aggregation::PixelBlock;
 use crate::optimization::penalties::{LARGEST_SUMMED_PENALTY, Penalties};
@@ -147,7 +147,7 @@ impl<V: Value> Pass<'_, V> {
             control.checkpoint()?;
             let (here, rest) = origins.split_at_mut(columns.len() * self.candidates);
             origins = rest;
-            level.run(Extend { pass: self, strip, penalties, totals, origins: here });
+            extend(level, self, strip, penalties, totals, here);
         }
 
         let mut first = [0; ROWS];
@@ -184,51 +184,45 @@ impl<V: Value> Pass<'_, V> {
     }
 }
 
-/// Extends the best paths of all rows through the columns of a strip.
-struct Extend<'a, V, W> {
-    pass: Pass<'a, V>,
+/// Extends the best paths of all rows through the columns of a strip. `penalties`: P1 and P2. `origins`: the
+/// origins of the totals of the strip, to be written.
+#[leveled]
+fn extend<V: Value, W: Total>(
+    level: Level,
+    pass: Pass<'_, V>,
     strip: usize,
-    /// P1 and P2.
     penalties: [W; 2],
-    totals: &'a mut [[W; ROWS]],
-    /// The origins of the totals of the strip, to be written.
-    origins: &'a mut [[u8; ROWS]],
-}
+    totals: &mut [[W; ROWS]],
+    origins: &mut [[u8; ROWS]],
+) {
+    let [p1, p2] = penalties;
+    let Pass { block, costs, candidates, .. } = pass;
+    let runs = candidates.div_ceil(LANES);
+    let width = block.stride() * runs;
+    let costs = &costs[block.place(strip, 0) * runs..][..block.rows.len() * width];
 
-impl<V: Value, W: Total> Loop for Extend<'_, V, W> {
-    type Output = ();
+    let [mut rows, mut spare] = [[[V::default(); LANES]; ROWS]; 2];
 
-    #[inline(always)]
-    fn run(self) {
-        let Self { pass, strip, penalties: [p1, p2], totals, origins } = self;
-        let Pass { block, costs, candidates, .. } = pass;
-        let runs = candidates.div_ceil(LANES);
-        let width = block.stride() * runs;
-        let costs = &costs[block.place(strip, 0) * runs..][..block.rows.len() * width];
+    for (x, origins) in origins.chunks_exact_mut(candidates).enumerate() {
+        // Of no candidate yet, but P2 can be added without overflow.
+        let mut least = [W::MOST.minus(p2); ROWS];
 
-        let [mut rows, mut spare] = [[[V::default(); LANES]; ROWS]; 2];
+        for run in (0..runs).rev() {
+            for (row, costs) in rows.iter_mut().zip(costs.chunks_exact(width)) {
+                *row = costs[x * runs + run];
+            }
+            transpose(&mut rows, &mut spare);
+            let costs: &[[V; ROWS]] = rows.as_flattened().as_chunks().0;
 
-        for (x, origins) in origins.chunks_exact_mut(candidates).enumerate() {
-            // Of no candidate yet, but P2 can be added without overflow.
-            let mut least = [W::MOST.minus(p2); ROWS];
-
-            for run in (0..runs).rev() {
-                for (row, costs) in rows.iter_mut().zip(costs.chunks_exact(width)) {
-                    *row = costs[x * runs + run];
-                }
-                transpose(&mut rows, &mut spare);
-                let costs: &[[V; ROWS]] = rows.as_flattened().as_chunks().0;
-
-                let first = run * LANES;
-                let origins = &mut origins[first..(first + LANES).min(candidates)];
-                let totals = &mut totals[first..][..=origins.len()];
-                for k in (0..origins.len()).rev() {
-                    let (stayed, smaller) = (totals[k + 1], totals[k]);
-                    let (best, origin) = step(stayed, smaller, least, [p1, p2]);
-                    totals[k + 1] = with_costs(best, costs[k]);
-                    origins[k] = origin;
-                    least = lesser(least, stayed);
-                }
+            let first = run * LANES;
+            let origins = &mut origins[first..(first + LANES).min(candidates)];
+            let totals = &mut totals[first..][..=origins.len()];
+            for k in (0..origins.len()).rev() {
+                let (stayed, smaller) = (totals[k + 1], totals[k]);
+                let (best, origin) = step(stayed, smaller, least, [p1, p2]);
+                totals[k + 1] = with_costs(best, costs[k]);
+                origins[k] = origin;
+                least = lesser(least, stayed);
             }
         }
     }

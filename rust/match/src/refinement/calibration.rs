@@ -32,7 +32,7 @@ use rayon::prelude::*;
 use crate::base::error::Result;
 use crate::base::math::{exp, ln};
 use crate::base::plane::Plane;
-use crate::base::simd::{Level, Loop, whole};
+use crate::base::simd::{Level, leveled, whole};
 use crate::choices::{
     FEW_ROWS, LEAST_MEAN_CONFIDENCE, LEAST_SHARE, LOW_ODDS, NO_NOISE, NO_SMOOTHING, NONE_AT_ENDS,
     SAMPLED_BAND_ROWS, SAMPLED_BANDS,
@@ -113,8 +113,7 @@ impl Tally {
 
         let parts = confidence.chunks(PART).zip(disparity.chunks(PART)).zip(flags.chunks(PART));
         let tally = |((confidence, disparity), flags)| {
-            let part = TallyPart { confidence, disparity, flags, ends: [below, above] };
-            Level::best().run(part)
+            tally_part(Level::best(), confidence, disparity, flags, [below, above])
         };
         parts.map(tally).fold(Self::default(), Self::and)
     }
@@ -145,39 +144,32 @@ impl Tally {
     }
 }
 
-/// Sums over at most [`PART`] pixels.
-struct TallyPart<'a> {
-    confidence: &'a [f32],
-    disparity: &'a [f32],
-    flags: &'a [u16],
-    /// Disparities below the first and above the second are at an end.
+/// Sums over at most [`PART`] pixels. `ends`: disparities below the first and above the second are at an end.
+#[leveled]
+fn tally_part(
+    level: Level,
+    confidence: &[f32],
+    disparity: &[f32],
+    flags: &[u16],
     ends: [f32; 2],
-}
+) -> Tally {
+    let [mut confidences, mut own, mut failed, mut at_ends] = [0u32; 4];
 
-impl Loop for TallyPart<'_> {
-    type Output = Tally;
+    for ((confidence, disparity), flags) in confidence.iter().zip(disparity).zip(flags) {
+        let is_own = (flags & flag::FILLED == 0) & !disparity.is_nan();
+        let steps = whole(confidence * STEPS) as u32;
+        confidences += if is_own { steps } else { 0 };
+        own += u32::from(is_own);
+        at_ends += u32::from(is_own & ((*disparity < ends[0]) | (*disparity > ends[1])));
+        failed += u32::from(flags & FAILED != 0);
+    }
 
-    #[inline(always)]
-    fn run(self) -> Tally {
-        let Self { confidence, disparity, flags, ends } = self;
-        let [mut confidences, mut own, mut failed, mut at_ends] = [0u32; 4];
-
-        for ((confidence, disparity), flags) in confidence.iter().zip(disparity).zip(flags) {
-            let is_own = (flags & flag::FILLED == 0) & !disparity.is_nan();
-            let steps = whole(confidence * STEPS) as u32;
-            confidences += if is_own { steps } else { 0 };
-            own += u32::from(is_own);
-            at_ends += u32::from(is_own & ((*disparity < ends[0]) | (*disparity > ends[1])));
-            failed += u32::from(flags & FAILED != 0);
-        }
-
-        Tally {
-            confidence: confidences.into(),
-            own: own.into(),
-            failed: failed.into(),
-            ends: at_ends.into(),
-            pixels: flags.len() as u64,
-        }
+    Tally {
+        confidence: confidences.into(),
+        own: own.into(),
+        failed: failed.into(),
+        ends: at_ends.into(),
+        pixels: flags.len() as u64,
     }
 }
 

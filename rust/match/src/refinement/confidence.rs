@@ -27,7 +27,7 @@
 use crate::base::control::Control;
 use crate::base::error::Result;
 use crate::base::plane::{Plane, zeroed};
-use crate::base::simd::{Level, Loop};
+use crate::base::simd::{Level, leveled};
 use crate::choices::{
     AGREEMENT, CONFIDENCE_RADIUS, CONFIDENCE_STEP, HALF_SUPPORT, HALF_VOTE, SIMILAR_GRAY,
 };
@@ -124,7 +124,7 @@ impl VotedMap<'_> {
                 gray: WindowRows::new(cols, UNLIKE)?,
             };
             let weights = zeroed(cols)?;
-            level.run(Support { map: *self, first, similar, rows, weights, band });
+            support(level, *self, first, similar, rows, weights, band);
             Ok(())
         })
     }
@@ -191,47 +191,43 @@ impl VotedPixels<'_> {
     }
 }
 
-/// Writes the confidences of a band of rows, of which `first` is the first.
-struct Support<'a> {
-    map: VotedMap<'a>,
+/// Writes the confidences of a band of rows, of which `first` is the first. `weights`: the sums of the
+/// weights of a row.
+#[leveled]
+fn support(
+    level: Level,
+    map: VotedMap<'_>,
     first: usize,
     similar: f32,
     rows: VotedRows,
-    /// The sums of the weights of a row.
     weights: Vec<f32>,
-    band: &'a mut [f32],
-}
+    band: &mut [f32],
+) {
+    let mut rows = rows;
+    let mut weights = weights;
+    let cols = map.disparity.cols();
+    let scale = 1.0 / similar.sqrt();
 
-impl Loop for Support<'_> {
-    type Output = ();
+    for (y, sums) in (first..).zip(band.chunks_mut(cols)) {
+        for number in missing_rows::<ROWS>(y, first) {
+            rows.copy(number, map, scale);
+        }
 
-    #[inline(always)]
-    fn run(self) {
-        let Self { map, first, similar, mut rows, mut weights, band } = self;
-        let cols = map.disparity.cols();
-        let scale = 1.0 / similar.sqrt();
+        // A pixel's vote for itself.
+        let here = rows.row(y + CONFIDENCE_RADIUS, 0, cols);
+        weights.fill(1.0);
+        sums.copy_from_slice(here.votes);
 
-        for (y, sums) in (first..).zip(band.chunks_mut(cols)) {
-            for number in missing_rows::<ROWS>(y, first) {
-                rows.copy(number, map, scale);
-            }
+        // The pixels ahead in reading order, each with its opposite.
+        let row = |at: usize| rows.row(y + at, CONFIDENCE_RADIUS, cols + 2 * CONFIDENCE_RADIUS);
+        add_pairs::<{ SIDE / 2 + 1 }>(here, [row(CONFIDENCE_RADIUS); 2], &mut weights, sums);
+        for down in (CONFIDENCE_STEP..=CONFIDENCE_RADIUS).step_by(CONFIDENCE_STEP) {
+            let around = [row(CONFIDENCE_RADIUS + down), row(CONFIDENCE_RADIUS - down)];
+            add_pairs::<0>(here, around, &mut weights, sums);
+        }
 
-            // A pixel's vote for itself.
-            let here = rows.row(y + CONFIDENCE_RADIUS, 0, cols);
-            weights.fill(1.0);
-            sums.copy_from_slice(here.votes);
-
-            // The pixels ahead in reading order, each with its opposite.
-            let row = |at: usize| rows.row(y + at, CONFIDENCE_RADIUS, cols + 2 * CONFIDENCE_RADIUS);
-            add_pairs::<{ SIDE / 2 + 1 }>(here, [row(CONFIDENCE_RADIUS); 2], &mut weights, sums);
-            for down in (CONFIDENCE_STEP..=CONFIDENCE_RADIUS).step_by(CONFIDENCE_STEP) {
-                let around = [row(CONFIDENCE_RADIUS + down), row(CONFIDENCE_RADIUS - down)];
-                add_pairs::<0>(here, around, &mut weights, sums);
-            }
-
-            for ((sum, weight), disparity) in sums.iter_mut().zip(&weights).zip(here.disparity) {
-                *sum = if disparity.is_nan() { 0.0 } else { confidence(*sum / *weight) };
-            }
+        for ((sum, weight), disparity) in sums.iter_mut().zip(&weights).zip(here.disparity) {
+            *sum = if disparity.is_nan() { 0.0 } else { confidence(*sum / *weight) };
         }
     }
 }

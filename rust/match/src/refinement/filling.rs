@@ -12,7 +12,7 @@ use crate::base::control::Control;
 use crate::base::error::Result;
 use crate::base::memory::Memory;
 use crate::base::plane::Plane;
-use crate::base::simd::{Level, Loop};
+use crate::base::simd::{Level, leveled};
 use crate::choices::FILLING_REACH;
 use crate::image::masking::nearest;
 use crate::pair::plan::{Plan, Stage};
@@ -63,7 +63,7 @@ pub fn fill(
 
         let filled = if source.is_some() { flag::FILLED } else { 0 };
         let (disparity, flags) = (disparity.row_mut(y), flags.row_mut(y));
-        level.run(Fill { spread, filled, disparity, flags });
+        fill_row(level, spread, filled, disparity, flags);
     }
 
     let bands = disparity.as_mut_slice().par_chunks_mut(BAND * cols);
@@ -76,7 +76,7 @@ pub fn fill(
         let rows = disparity.chunks_mut(cols).zip(flags.chunks_mut(cols)).zip(seeded);
         for ((disparity, flags), _) in rows.filter(|(_, is_seeded)| **is_seeded) {
             let spread = spread.find(disparity, flags, level)?;
-            level.run(Fill { spread, filled: flag::FILLED, disparity, flags });
+            fill_row(level, spread, flag::FILLED, disparity, flags);
         }
         Ok(())
     })
@@ -105,7 +105,7 @@ impl Spread {
         self.ends.resize(cols.next_multiple_of(LOOK))?;
 
         let Self { row, ends } = self;
-        level.run(FindGaps { disparity, flags, row, ends });
+        find_gaps(level, disparity, flags, row, ends);
 
         // Eight bytes are tested at once: most pixels are at no end.
         let mut start = None;
@@ -142,68 +142,34 @@ fn fill_gap(row: &mut [f32], gap: Range<usize>) {
 }
 
 /// Extracts the trusted values of a row, NaN elsewhere, and where they begin and end.
-struct FindGaps<'a> {
-    disparity: &'a [f32],
-    flags: &'a [u16],
-    row: &'a mut [f32],
-    ends: &'a mut [u8],
-}
+#[leveled]
+fn find_gaps(level: Level, disparity: &[f32], flags: &[u16], row: &mut [f32], ends: &mut [u8]) {
+    write_trusted(disparity, flags, row);
 
-impl Loop for FindGaps<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        let Self { disparity, flags, row, ends } = self;
-        Trusted { disparity, flags, row }.run();
-
-        ends.fill(0);
-        ends[0] = u8::from(row[0].is_nan());
-        for ((out, before), here) in ends[1..].iter_mut().zip(&row[..]).zip(&row[1..]) {
-            *out = u8::from(before.is_nan() != here.is_nan());
-        }
+    ends.fill(0);
+    ends[0] = u8::from(row[0].is_nan());
+    for ((out, before), here) in ends[1..].iter_mut().zip(&row[..]).zip(&row[1..]) {
+        *out = u8::from(before.is_nan() != here.is_nan());
     }
 }
 
 /// Writes the trusted values of a row; NaN elsewhere.
-pub(crate) struct Trusted<'a> {
-    pub(crate) disparity: &'a [f32],
-    pub(crate) flags: &'a [u16],
-    pub(crate) row: &'a mut [f32],
-}
-
-impl Loop for Trusted<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        for ((out, &value), &flags) in self.row.iter_mut().zip(self.disparity).zip(self.flags) {
-            *out = if is_trusted(value, flags) { value } else { f32::NAN };
-        }
+#[inline(always)]
+pub(crate) fn write_trusted(disparity: &[f32], flags: &[u16], row: &mut [f32]) {
+    for ((out, &value), &flags) in row.iter_mut().zip(disparity).zip(flags) {
+        *out = if is_trusted(value, flags) { value } else { f32::NAN };
     }
 }
 
 /// Writes filled values over the untrusted disparities of a row, with a flag; NaN over masked ones.
-struct Fill<'a> {
-    spread: &'a [f32],
-    filled: u16,
-    disparity: &'a mut [f32],
-    flags: &'a mut [u16],
-}
+#[leveled]
+fn fill_row(level: Level, spread: &[f32], filled: u16, disparity: &mut [f32], flags: &mut [u16]) {
+    for ((value, flags), &spread) in disparity.iter_mut().zip(flags).zip(spread) {
+        let is_trusted = is_trusted(*value, *flags);
+        let is_masked = *flags & flag::MASKED != 0;
 
-impl Loop for Fill<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        let Self { spread, filled, disparity, flags } = self;
-        for ((value, flags), &spread) in disparity.iter_mut().zip(flags).zip(spread) {
-            let is_trusted = is_trusted(*value, *flags);
-            let is_masked = *flags & flag::MASKED != 0;
-
-            // At trusted pixels the spread value is their own.
-            *value = if is_masked { f32::NAN } else { spread };
-            *flags |= if is_trusted | is_masked { 0 } else { filled };
-        }
+        // At trusted pixels the spread value is their own.
+        *value = if is_masked { f32::NAN } else { spread };
+        *flags |= if is_trusted | is_masked { 0 } else { filled };
     }
 }

@@ -28,7 +28,7 @@ use std::array::from_fn;
 use crate::base::control::Control;
 use crate::base::error::Result;
 use crate::base::plane::{Plane, parts, zeroed};
-use crate::base::simd::{Level, Loop, whole};
+use crate::base::simd::{Level, Loop, leveled, whole};
 use crate::choices::LEAST_ROUGHNESS;
 use crate::image::texture::{Roughness, Texture};
 use crate::pair::plan::{Plan, Stage};
@@ -160,7 +160,7 @@ impl<const SIDE: usize, const STRIDE: usize, const NEAR: usize> JumpWindows<SIDE
                     let gray = texture.gray.row(y);
                     let grays = grays.row_mut(row);
                     let steps = steps.row_mut(row);
-                    level.run(Quantize { disparity, gray, scale, grays, steps });
+                    quantize(level, disparity, gray, scale, grays, steps);
                 } else {
                     grays.row_mut(row).fill(NOTHING);
                 }
@@ -179,7 +179,7 @@ impl<const SIDE: usize, const STRIDE: usize, const NEAR: usize> JumpWindows<SIDE
             for (y, out) in out.chunks_mut(cols).enumerate() {
                 near.fill(0);
                 for away in 0..=2 * NEAR {
-                    level.run(Or { row: jumps.row(y + away), near: &mut near });
+                    or(level, jumps.row(y + away), &mut near);
                 }
 
                 let row = |k: usize| y + k * STRIDE;
@@ -201,46 +201,32 @@ impl<const SIDE: usize, const STRIDE: usize, const NEAR: usize> JumpWindows<SIDE
 }
 
 /// Converts gray values and disparities of a row to steps. Pixels without a disparity do not count.
-struct Quantize<'a> {
-    disparity: &'a [f32],
-    gray: &'a [i32],
+#[leveled]
+fn quantize(
+    level: Level,
+    disparity: &[f32],
+    gray: &[i32],
     scale: f32,
-    grays: &'a mut [i16],
-    steps: &'a mut [i32],
-}
+    grays: &mut [i16],
+    steps: &mut [i32],
+) {
+    let n = grays.len();
+    let (disparity, gray) = (&disparity[..n], &gray[..n]);
+    let (grays, steps) = (&mut grays[..n], &mut steps[..n]);
 
-impl Loop for Quantize<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        let n = self.grays.len();
-        let (disparity, gray) = (&self.disparity[..n], &self.gray[..n]);
-        let (grays, steps) = (&mut self.grays[..n], &mut self.steps[..n]);
-
-        for x in 0..n {
-            let level = (gray[x] as f32 * self.scale).clamp(-FARTHEST as f32, FARTHEST as f32);
-            grays[x] = if disparity[x].is_nan() { NOTHING } else { whole(level) as i16 };
-            // NaN becomes 0 steps; its gray value takes its weight away.
-            steps[x] = whole(disparity[x] * FINENESS);
-        }
+    for x in 0..n {
+        let level = (gray[x] as f32 * scale).clamp(-FARTHEST as f32, FARTHEST as f32);
+        grays[x] = if disparity[x].is_nan() { NOTHING } else { whole(level) as i16 };
+        // NaN becomes 0 steps; its gray value takes its weight away.
+        steps[x] = whole(disparity[x] * FINENESS);
     }
 }
 
 /// Adds the marks of a row to those of the rows before.
-struct Or<'a> {
-    row: &'a [u8],
-    near: &'a mut [u8],
-}
-
-impl Loop for Or<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        for (near, row) in self.near.iter_mut().zip(self.row) {
-            *near |= row;
-        }
+#[leveled]
+fn or(level: Level, row: &[u8], near: &mut [u8]) {
+    for (near, row) in near.iter_mut().zip(row) {
+        *near |= row;
     }
 }
 

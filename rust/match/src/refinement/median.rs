@@ -9,7 +9,7 @@ use std::array::from_fn;
 use crate::base::control::Control;
 use crate::base::error::Result;
 use crate::base::plane::Plane;
-use crate::base::simd::{Level, Loop};
+use crate::base::simd::{Level, leveled};
 use crate::pair::plan::{Plan, Stage};
 use crate::refinement::window_rows::{BAND, WindowRows, missing_rows};
 
@@ -44,7 +44,7 @@ pub fn smooth(
         control.checkpoint()?;
 
         let keys = WindowRows::new(cols, NONE)?;
-        level.run(Medians { disparity, first, keys, smoothed });
+        medians(level, disparity, first, keys, smoothed);
         Ok(())
     })
 }
@@ -67,32 +67,27 @@ fn flipped(bits: i32) -> i32 {
     bits ^ (bits >> 31 & i32::MAX)
 }
 
-/// Writes the medians of a band of rows, of which `first` is the first.
-struct Medians<'a> {
-    disparity: &'a Plane<f32>,
+/// Writes the medians of a band of rows, of which `first` is the first. `keys`: row `y` of the map is number
+/// `y + REACH`.
+#[leveled]
+fn medians(
+    level: Level,
+    disparity: &Plane<f32>,
     first: usize,
-    /// Row `y` of the map is number `y + REACH`.
     keys: WindowRows<i32, SIDE>,
-    smoothed: &'a mut [f32],
-}
+    smoothed: &mut [f32],
+) {
+    let mut keys = keys;
+    let (rows, cols) = (disparity.rows(), disparity.cols());
 
-impl Loop for Medians<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        let Self { disparity, first, mut keys, smoothed } = self;
-        let (rows, cols) = (disparity.rows(), disparity.cols());
-
-        for (y, smoothed) in (first..).zip(smoothed.chunks_mut(cols)) {
-            for number in missing_rows::<SIDE>(y, first) {
-                let y = number.saturating_sub(REACH).min(rows - 1);
-                write_keys(disparity.row(y), keys.row_mut(number));
-                keys.repeat_ends(number);
-            }
-
-            write_medians(from_fn(|dy| keys.row(y + dy, REACH)), smoothed);
+    for (y, smoothed) in (first..).zip(smoothed.chunks_mut(cols)) {
+        for number in missing_rows::<SIDE>(y, first) {
+            let y = number.saturating_sub(REACH).min(rows - 1);
+            write_keys(disparity.row(y), keys.row_mut(number));
+            keys.repeat_ends(number);
         }
+
+        write_medians(from_fn(|dy| keys.row(y + dy, REACH)), smoothed);
     }
 }
 

@@ -7,10 +7,10 @@ use rayon::prelude::*;
 use crate::base::control::Control;
 use crate::base::error::Result;
 use crate::base::plane::Plane;
-use crate::base::simd::{Level, Loop};
+use crate::base::simd::{Level, leveled};
 use crate::image::regions::{Connectivity, Regions, Run};
 use crate::pair::plan::{Plan, Stage};
-use crate::refinement::filling::Trusted;
+use crate::refinement::filling::write_trusted;
 use crate::refinement::flag;
 
 /// Pixels that are tested together for the end of a run.
@@ -80,7 +80,7 @@ impl Connectivity for TrustedMap<'_> {
         };
 
         let TrustedRow { values, breaks } = &mut row;
-        self.level.run(FindBreaks { disparity, flags, range: self.range, values, breaks });
+        find_breaks(self.level, disparity, flags, self.range, values, breaks);
         row
     }
 
@@ -112,27 +112,21 @@ impl Connectivity for TrustedMap<'_> {
 }
 
 /// Extracts the trusted disparities of a row and where they are not connected.
-struct FindBreaks<'a> {
-    disparity: &'a [f32],
-    flags: &'a [u16],
+#[leveled]
+fn find_breaks(
+    level: Level,
+    disparity: &[f32],
+    flags: &[u16],
     range: f32,
-    values: &'a mut [f32],
-    breaks: &'a mut [u8],
-}
+    values: &mut [f32],
+    breaks: &mut [u8],
+) {
+    write_trusted(disparity, flags, values);
 
-impl Loop for FindBreaks<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        let Self { disparity, flags, range, values, breaks } = self;
-        Trusted { disparity, flags, row: values }.run();
-
-        // NaN is connected with nothing, so runs of trusted pixels end at untrusted ones.
-        breaks[0] = 1;
-        for ((out, from), to) in breaks[1..].iter_mut().zip(&values[..]).zip(&values[1..]) {
-            let is_connected = (from - to).abs() <= range;
-            *out = u8::from(!is_connected);
-        }
+    // NaN is connected with nothing, so runs of trusted pixels end at untrusted ones.
+    breaks[0] = 1;
+    for ((out, from), to) in breaks[1..].iter_mut().zip(&values[..]).zip(&values[1..]) {
+        let is_connected = (from - to).abs() <= range;
+        *out = u8::from(!is_connected);
     }
 }

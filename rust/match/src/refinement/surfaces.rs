@@ -3,7 +3,7 @@
 use crate::base::control::Control;
 use crate::base::error::Result;
 use crate::base::plane::{Plane, zeroed};
-use crate::base::simd::{Level, Loop};
+use crate::base::simd::{Level, leveled};
 use crate::choices::{SAME_SURFACE, SURFACE_REACH};
 use crate::pair::plan::{Plan, Stage};
 use crate::refinement::window_rows::{BAND, WindowRows, missing_rows};
@@ -37,54 +37,49 @@ pub fn smooth(
 
         let rows = WindowRows::new(cols, f32::NAN)?;
         let counts = zeroed(cols)?;
-        level.run(SmoothRows { disparity, first, rows, counts, smoothed });
+        smooth_rows(level, disparity, first, rows, counts, smoothed);
         Ok(())
     })
 }
 
-/// Writes a band of rows, of which `first` is the first, smoothed over the rows around each.
-struct SmoothRows<'a> {
-    disparity: &'a Plane<f32>,
+/// Writes a band of rows, of which `first` is the first, smoothed over the rows around each. `rows`: row `y`
+/// of the map is number `y + SURFACE_REACH`. `counts`: pairs of each pixel of a row that count.
+#[leveled]
+fn smooth_rows(
+    level: Level,
+    disparity: &Plane<f32>,
     first: usize,
-    /// Row `y` of the map is number `y + SURFACE_REACH`.
     rows: WindowRows<f32, SIDE>,
-    /// Pairs of each pixel of a row that count.
     counts: Vec<i32>,
-    smoothed: &'a mut [f32],
-}
+    smoothed: &mut [f32],
+) {
+    let mut rows = rows;
+    let mut counts = counts;
+    let cols = disparity.cols();
 
-impl Loop for SmoothRows<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        let Self { disparity, first, mut rows, mut counts, smoothed } = self;
-        let cols = disparity.cols();
-
-        for (y, sums) in (first..).zip(smoothed.chunks_mut(cols)) {
-            for number in missing_rows::<SIDE>(y, first) {
-                let row = number.checked_sub(SURFACE_REACH).filter(|y| *y < disparity.rows());
-                match row {
-                    Some(y) => rows.row_mut(number).copy_from_slice(disparity.row(y)),
-                    None => rows.row_mut(number).fill(f32::NAN),
-                }
+    for (y, sums) in (first..).zip(smoothed.chunks_mut(cols)) {
+        for number in missing_rows::<SIDE>(y, first) {
+            let row = number.checked_sub(SURFACE_REACH).filter(|y| *y < disparity.rows());
+            match row {
+                Some(y) => rows.row_mut(number).copy_from_slice(disparity.row(y)),
+                None => rows.row_mut(number).fill(f32::NAN),
             }
+        }
 
-            sums.fill(0.0);
-            counts.fill(0);
+        sums.fill(0.0);
+        counts.fill(0);
 
-            // The pixels ahead in reading order, each with its opposite.
-            let own = &rows.row(y + SURFACE_REACH, 0)[..cols];
-            let row = |at: usize| rows.row(y + at, SURFACE_REACH);
-            add_pairs::<{ SURFACE_REACH + 1 }>(own, [row(SURFACE_REACH); 2], sums, &mut counts);
-            for down in 1..=SURFACE_REACH {
-                let around = [row(SURFACE_REACH + down), row(SURFACE_REACH - down)];
-                add_pairs::<0>(own, around, sums, &mut counts);
-            }
+        // The pixels ahead in reading order, each with its opposite.
+        let own = &rows.row(y + SURFACE_REACH, 0)[..cols];
+        let row = |at: usize| rows.row(y + at, SURFACE_REACH);
+        add_pairs::<{ SURFACE_REACH + 1 }>(own, [row(SURFACE_REACH); 2], sums, &mut counts);
+        for down in 1..=SURFACE_REACH {
+            let around = [row(SURFACE_REACH + down), row(SURFACE_REACH - down)];
+            add_pairs::<0>(own, around, sums, &mut counts);
+        }
 
-            for ((sum, count), own) in sums.iter_mut().zip(&counts).zip(own) {
-                *sum = own + *sum / (1 + 2 * *count) as f32;
-            }
+        for ((sum, count), own) in sums.iter_mut().zip(&counts).zip(own) {
+            *sum = own + *sum / (1 + 2 * *count) as f32;
         }
     }
 }

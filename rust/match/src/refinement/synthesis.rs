@@ -29,7 +29,7 @@ use std::ops::Range;
 use crate::base::control::Control;
 use crate::base::error::Result;
 use crate::base::plane::{Plane, parts, zeroed};
-use crate::base::simd::{Level, Loop};
+use crate::base::simd::{Level, leveled};
 use crate::choices::{SAME_DISPARITY, SYNTHESIS_RADIUS, SYNTHESIS_WINDOW};
 use crate::image::convolution::Kernel as Blur;
 use crate::image::intensity::Gray;
@@ -284,19 +284,16 @@ impl<'a> RivalMaps<'a> {
             let sums = view.unlike(map)?;
             for (row, y) in self.rows.clone().enumerate() {
                 self.labels(y, self.columns.clone(), &mut labels);
-                self.level.run(MarkClasses {
-                    labels: &labels,
-                    blurs: &group.blurs,
-                    out: &mut judged,
-                });
+                mark_classes(self.level, &labels, &group.blurs, &mut judged);
 
-                self.level.run(TakeBetter {
-                    sums: sums.row(row),
-                    judged: &judged,
-                    disparity: &self.maps[map].row(y - self.seen.start)[self.columns.clone()],
-                    best: best.row_mut(row),
-                    out: &mut out[row * cols..][self.columns.clone()],
-                });
+                take_better(
+                    self.level,
+                    sums.row(row),
+                    &judged,
+                    &self.maps[map].row(y - self.seen.start)[self.columns.clone()],
+                    best.row_mut(row),
+                    &mut out[row * cols..][self.columns.clone()],
+                );
             }
         }
 
@@ -320,10 +317,10 @@ fn rivals(disparity: &Plane<f32>, rows: &Range<usize>, level: Level) -> Result<[
         let around =
             from_fn(|k| disparity.row_or_nothing((y + k) as isize - SYNTHESIS_RADIUS as isize));
         let [least, largest] = &mut columns;
-        level.run(ColumnExtremes { rows: around, least, largest });
+        column_extremes(level, around, least, largest);
 
         let (eroded, dilated) = (eroded.row_mut(row), dilated.row_mut(row));
-        level.run(ErodeAndDilate { least, largest, own: disparity.row(y), eroded, dilated });
+        erode_and_dilate(level, least, largest, disparity.row(y), eroded, dilated);
     }
 
     Ok([own, eroded, dilated])
@@ -333,89 +330,74 @@ fn rivals(disparity: &Plane<f32>, rows: &Range<usize>, level: Level) -> Result<[
 const SIDE: usize = 2 * SYNTHESIS_RADIUS + 1;
 
 /// Finds the extremes of each column of some rows, as keys; rows beyond the image are empty.
-struct ColumnExtremes<'a> {
-    rows: [&'a [f32]; SIDE],
-    least: &'a mut [i32],
-    largest: &'a mut [i32],
-}
+#[leveled]
+fn column_extremes(level: Level, rows: [&[f32]; SIDE], least: &mut [i32], largest: &mut [i32]) {
+    let n = least.len();
+    let least = &mut least[..n];
+    let largest = &mut largest[..n];
+    least.fill(i32::MAX);
+    largest.fill(NONE);
 
-impl Loop for ColumnExtremes<'_> {
-    type Output = ();
+    for row in rows.into_iter().filter(|row| !row.is_empty()) {
+        let row = &row[..n];
+        for x in 0..n {
+            let key = key(row[x]);
 
-    #[inline(always)]
-    fn run(self) {
-        let n = self.least.len();
-        let least = &mut self.least[..n];
-        let largest = &mut self.largest[..n];
-        least.fill(i32::MAX);
-        largest.fill(NONE);
-
-        for row in self.rows.into_iter().filter(|row| !row.is_empty()) {
-            let row = &row[..n];
-            for x in 0..n {
-                let key = key(row[x]);
-
-                // The key of no disparity is the least one, so only the minimum has to leave it out.
-                least[x] = least[x].min(if key == NONE { i32::MAX } else { key });
-                largest[x] = largest[x].max(key);
-            }
+            // The key of no disparity is the least one, so only the minimum has to leave it out.
+            least[x] = least[x].min(if key == NONE { i32::MAX } else { key });
+            largest[x] = largest[x].max(key);
         }
     }
 }
 
 /// Writes one row of the eroded and the dilated map, from the extremes of its columns.
-struct ErodeAndDilate<'a> {
-    least: &'a [i32],
-    largest: &'a [i32],
-    own: &'a [f32],
-    eroded: &'a mut [f32],
-    dilated: &'a mut [f32],
+#[leveled]
+fn erode_and_dilate(
+    level: Level,
+    least: &[i32],
+    largest: &[i32],
+    own: &[f32],
+    eroded: &mut [f32],
+    dilated: &mut [f32],
+) {
+    let mut buffer = [[0; SPAN]; 2];
+
+    let outs = eroded.chunks_mut(LANES).zip(dilated.chunks_mut(LANES));
+    for (index, (eroded, dilated)) in outs.enumerate() {
+        let x = index * LANES;
+        let count = eroded.len();
+        let first = x as isize - SYNTHESIS_RADIUS as isize;
+        let near = |row: &[i32], x: isize| row[x.clamp(0, row.len() as isize - 1) as usize];
+        let [low, high] = parts([least, largest], first, &mut buffer, near);
+        let (low, high) = (&low[..SPAN], &high[..SPAN]);
+
+        let mut least = [i32::MAX; LANES];
+        let mut largest = [NONE; LANES];
+        for away in 0..SIDE {
+            let (low, high) = (&low[away..][..LANES], &high[away..][..LANES]);
+            for j in 0..LANES {
+                least[j] = least[j].min(low[j]);
+                largest[j] = largest[j].max(high[j]);
+            }
+        }
+
+        let mut here = [f32::NAN; LANES];
+        here[..count].copy_from_slice(&own[x..][..count]);
+
+        let mut down = [0.0; LANES];
+        let mut up = [0.0; LANES];
+        for j in 0..LANES {
+            down[j] = unless_same(disparity_of(least[j]), here[j]);
+            up[j] = unless_same(disparity_of(largest[j]), here[j]);
+        }
+
+        eroded.copy_from_slice(&down[..count]);
+        dilated.copy_from_slice(&up[..count]);
+    }
 }
 
 /// Columns that the squares of [`LANES`] pixels reach.
 const SPAN: usize = LANES + 2 * SYNTHESIS_RADIUS;
-
-impl Loop for ErodeAndDilate<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        let mut buffer = [[0; SPAN]; 2];
-
-        let outs = self.eroded.chunks_mut(LANES).zip(self.dilated.chunks_mut(LANES));
-        for (index, (eroded, dilated)) in outs.enumerate() {
-            let x = index * LANES;
-            let count = eroded.len();
-            let first = x as isize - SYNTHESIS_RADIUS as isize;
-            let near = |row: &[i32], x: isize| row[x.clamp(0, row.len() as isize - 1) as usize];
-            let [low, high] = parts([self.least, self.largest], first, &mut buffer, near);
-            let (low, high) = (&low[..SPAN], &high[..SPAN]);
-
-            let mut least = [i32::MAX; LANES];
-            let mut largest = [NONE; LANES];
-            for away in 0..SIDE {
-                let (low, high) = (&low[away..][..LANES], &high[away..][..LANES]);
-                for j in 0..LANES {
-                    least[j] = least[j].min(low[j]);
-                    largest[j] = largest[j].max(high[j]);
-                }
-            }
-
-            let mut own = [f32::NAN; LANES];
-            own[..count].copy_from_slice(&self.own[x..][..count]);
-
-            let mut down = [0.0; LANES];
-            let mut up = [0.0; LANES];
-            for j in 0..LANES {
-                down[j] = unless_same(disparity_of(least[j]), own[j]);
-                up[j] = unless_same(disparity_of(largest[j]), own[j]);
-            }
-
-            eroded.copy_from_slice(&down[..count]);
-            dilated.copy_from_slice(&up[..count]);
-        }
-    }
-}
 
 /// A disparity, or the pixel's own if there is no other or it counts as the same.
 #[inline(always)]
@@ -443,49 +425,34 @@ fn differing([own, eroded, dilated]: &[Plane<f32>; MAPS], rows: Range<usize>) ->
 }
 
 /// Marks the pixels of a row that are of the classes of a group, by bytes that are not 0.
-struct MarkClasses<'a> {
-    labels: &'a [u8],
-    blurs: &'a [(usize, &'a Blur)],
-    out: &'a mut [u8],
-}
-
-impl Loop for MarkClasses<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        self.out.fill(0);
-        for (class, _) in self.blurs {
-            for (out, label) in self.out.iter_mut().zip(self.labels) {
-                *out |= u8::from(usize::from(*label) == *class);
-            }
+#[leveled]
+fn mark_classes(level: Level, labels: &[u8], blurs: &[(usize, &Blur)], out: &mut [u8]) {
+    out.fill(0);
+    for (class, _) in blurs {
+        for (out, label) in out.iter_mut().zip(labels) {
+            *out |= u8::from(usize::from(*label) == *class);
         }
     }
 }
 
 /// Takes the disparities of a map where their sums are less than the best ones so far.
-struct TakeBetter<'a> {
-    sums: &'a [u16],
-    judged: &'a [u8],
-    disparity: &'a [f32],
-    best: &'a mut [u16],
-    out: &'a mut [f32],
-}
+#[leveled]
+fn take_better(
+    level: Level,
+    sums: &[u16],
+    judged: &[u8],
+    disparity: &[f32],
+    best: &mut [u16],
+    out: &mut [f32],
+) {
+    let n = out.len();
+    let (sums, judged, disparity) = (&sums[..n], &judged[..n], &disparity[..n]);
+    let best = &mut best[..n];
+    let out = &mut out[..n];
 
-impl Loop for TakeBetter<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        let n = self.out.len();
-        let (sums, judged, disparity) = (&self.sums[..n], &self.judged[..n], &self.disparity[..n]);
-        let best = &mut self.best[..n];
-        let out = &mut self.out[..n];
-
-        for x in 0..n {
-            let is_better = (sums[x] < best[x]) & (judged[x] != 0);
-            out[x] = if is_better { disparity[x] } else { out[x] };
-            best[x] = if is_better { sums[x] } else { best[x] };
-        }
+    for x in 0..n {
+        let is_better = (sums[x] < best[x]) & (judged[x] != 0);
+        out[x] = if is_better { disparity[x] } else { out[x] };
+        best[x] = if is_better { sums[x] } else { best[x] };
     }
 }

@@ -7,7 +7,7 @@ use super::blocks::BLOCK;
 use super::{Around, Standout};
 use crate::estimation::overview::{Guess, Span};
 use phasestereo_match::base::plane::Plane;
-use phasestereo_match::base::simd::Loop;
+use phasestereo_match::base::simd::{Level, Loop, leveled};
 use phasestereo_match::base::value::{LANES, Lanes, least_lane, nearest};
 use phasestereo_match::cost::phase::ByteDistances;
 
@@ -115,53 +115,47 @@ pub struct BlockWindows<'a> {
 }
 
 /// Calls `each(row, column, sums of all candidates)` for every pixel of the windows.
-pub struct Visit<'a, F> {
-    pub windows: BlockWindows<'a>,
-    pub each: F,
-}
+#[leveled]
+pub fn visit<F: FnMut(usize, usize, &[Lanes<u8>])>(
+    level: Level,
+    windows: BlockWindows<'_>,
+    each: F,
+) {
+    let mut each = each;
+    let BlockWindows { costs, rows, cols, top, count, columns, around } = windows;
+    let runs = costs.runs();
 
-impl<F: FnMut(usize, usize, &[Lanes<u8>])> Loop for Visit<'_, F> {
-    type Output = ();
+    // The windows reach beyond the columns; at the border of the image its last pixel is repeated.
+    let first = columns.start.saturating_sub(around.1);
+    let wide = first..(columns.end + around.1).min(cols);
+    let length = wide.len() * runs;
+    let clamped = |y: usize| y.saturating_sub(around.0).min(rows - 1);
+    let (height, width) = (2 * around.0 + 1, 2 * around.1 + 1);
 
-    #[inline(always)]
-    fn run(self) {
-        let Self { windows, mut each } = self;
-        let BlockWindows { costs, rows, cols, top, count, columns, around } = windows;
-        let runs = costs.runs();
+    let mut line = vec![[0u8; LANES]; length];
+    let mut sums = vec![[0u8; LANES]; length];
+    let mut window = vec![[0u8; LANES]; runs];
+    for y in top..top + count {
+        if y > top {
+            costs.write(clamped(y - 1), wide.clone(), &mut line);
+            add(&mut sums, &line, u8::wrapping_sub);
+        }
+        let begun = if y == top { 0..height } else { height - 1..height };
+        for number in begun {
+            costs.write(clamped(y + number), wide.clone(), &mut line);
+            add(&mut sums, &line, u8::wrapping_add);
+        }
 
-        // The windows reach beyond the columns; at the border of the image its last pixel is repeated.
-        let first = columns.start.saturating_sub(around.1);
-        let wide = first..(columns.end + around.1).min(cols);
-        let length = wide.len() * runs;
-        let clamped = |y: usize| y.saturating_sub(around.0).min(rows - 1);
-        let (height, width) = (2 * around.0 + 1, 2 * around.1 + 1);
-
-        let mut line = vec![[0u8; LANES]; length];
-        let mut sums = vec![[0u8; LANES]; length];
-        let mut window = vec![[0u8; LANES]; runs];
-        for y in top..top + count {
-            if y > top {
-                costs.write(clamped(y - 1), wide.clone(), &mut line);
-                add(&mut sums, &line, u8::wrapping_sub);
+        for x in columns.clone() {
+            let column = |x: usize| {
+                let at = x.saturating_sub(around.1).clamp(wide.start, wide.end - 1) - wide.start;
+                &sums[at * runs..][..runs]
+            };
+            window.copy_from_slice(column(x));
+            for number in 1..width {
+                add(&mut window, column(x + number), u8::wrapping_add);
             }
-            let begun = if y == top { 0..height } else { height - 1..height };
-            for number in begun {
-                costs.write(clamped(y + number), wide.clone(), &mut line);
-                add(&mut sums, &line, u8::wrapping_add);
-            }
-
-            for x in columns.clone() {
-                let column = |x: usize| {
-                    let at =
-                        x.saturating_sub(around.1).clamp(wide.start, wide.end - 1) - wide.start;
-                    &sums[at * runs..][..runs]
-                };
-                window.copy_from_slice(column(x));
-                for number in 1..width {
-                    add(&mut window, column(x + number), u8::wrapping_add);
-                }
-                each(y - top, x, &window);
-            }
+            each(y - top, x, &window);
         }
     }
 }
@@ -179,43 +173,37 @@ pub struct Voters<'a> {
     pub cols: usize,
 }
 
-/// The sums of the doubtful pixels of a block.
-pub struct Vote<'a> {
-    /// Those of the image.
-    pub costs: &'a ByteDistances,
-    /// The pixels that vote.
-    pub voters: Voters<'a>,
-    /// Its first row and column.
-    pub block: (usize, usize),
-}
+/// The sums of the doubtful pixels of a block. `costs`: those of the image. `voters`: the pixels that vote.
+/// `block`: its first row and column.
+#[leveled]
+pub fn vote(
+    level: Level,
+    costs: &ByteDistances,
+    voters: Voters<'_>,
+    block: (usize, usize),
+) -> Vec<Lanes<u8>> {
+    let Voters { doubtful, by, rows, cols } = voters;
+    let (top, first) = block;
+    let columns = first..(first + BLOCK).min(cols);
+    let runs = costs.runs();
+    let mut line = vec![[0u8; LANES]; runs * columns.len()];
+    let mut sums = vec![[0u8; LANES]; runs];
 
-impl Loop for Vote<'_> {
-    type Output = Vec<Lanes<u8>>;
-
-    #[inline(always)]
-    fn run(self) -> Vec<Lanes<u8>> {
-        let Self { costs, voters: Voters { doubtful, by, rows, cols }, block: (top, first) } = self;
-        let columns = first..(first + BLOCK).min(cols);
-        let runs = costs.runs();
-        let mut line = vec![[0u8; LANES]; runs * columns.len()];
-        let mut sums = vec![[0u8; LANES]; runs];
-
-        for y in (top..(top + BLOCK).min(rows)).step_by(VOTING) {
-            let Some(is_asked) = (y / by < doubtful.rows()).then(|| doubtful.row(y / by)) else {
-                break;
-            };
-            let is_one = |x: usize| is_asked.get(x / by).is_some_and(|is_one| *is_one);
-            if columns.clone().any(is_one) {
-                costs.write(y, columns.clone(), &mut line);
-                for (line, _) in
-                    line.chunks_exact(runs).zip(columns.clone()).filter(|(_, x)| is_one(*x))
-                {
-                    add(&mut sums, line, u8::saturating_add);
-                }
+    for y in (top..(top + BLOCK).min(rows)).step_by(VOTING) {
+        let Some(is_asked) = (y / by < doubtful.rows()).then(|| doubtful.row(y / by)) else {
+            break;
+        };
+        let is_one = |x: usize| is_asked.get(x / by).is_some_and(|is_one| *is_one);
+        if columns.clone().any(is_one) {
+            costs.write(y, columns.clone(), &mut line);
+            for (line, _) in
+                line.chunks_exact(runs).zip(columns.clone()).filter(|(_, x)| is_one(*x))
+            {
+                add(&mut sums, line, u8::saturating_add);
             }
         }
-        sums
     }
+    sums
 }
 
 /// Adds, or subtracts, every lane.
@@ -304,41 +292,35 @@ impl Borders {
 }
 
 /// The candidate of a pixel with the least sum, of those that see the other image.
-pub struct Choose<'a> {
-    pub costs: &'a ByteDistances,
-    pub rows: usize,
-    pub cols: usize,
-    pub y: usize,
-    pub x: usize,
-    pub around: Around,
-}
+#[leveled]
+pub fn choose(
+    level: Level,
+    costs: &ByteDistances,
+    rows: usize,
+    cols: usize,
+    y: usize,
+    x: usize,
+    around: Around,
+) -> usize {
+    let (candidates, runs) = (costs.candidates(), costs.runs());
+    let mut line = vec![[0u8; LANES]; runs];
+    let mut sums = vec![[0u8; LANES]; runs];
 
-impl Loop for Choose<'_> {
-    type Output = usize;
-
-    #[inline(always)]
-    fn run(self) -> usize {
-        let Self { costs, rows, cols, y, x, around } = self;
-        let (candidates, runs) = (costs.candidates(), costs.runs());
-        let mut line = vec![[0u8; LANES]; runs];
-        let mut sums = vec![[0u8; LANES]; runs];
-
-        for dy in 0..=2 * around.0 {
-            let y = (y + dy).saturating_sub(around.0).min(rows - 1);
-            for dx in 0..=2 * around.1 {
-                let x = (x + dx).saturating_sub(around.1).min(cols - 1);
-                costs.write(y, x..x + 1, &mut line);
-                add(&mut sums, &line, u8::wrapping_add);
-            }
+    for dy in 0..=2 * around.0 {
+        let y = (y + dy).saturating_sub(around.0).min(rows - 1);
+        for dx in 0..=2 * around.1 {
+            let x = (x + dx).saturating_sub(around.1).min(cols - 1);
+            costs.write(y, x..x + 1, &mut line);
+            add(&mut sums, &line, u8::wrapping_add);
         }
-
-        // x - d is a column from 0 on, and before the last.
-        let index = |disparity: isize| {
-            (disparity - candidates.min()).clamp(0, candidates.count() as isize) as usize
-        };
-        let (start, end) = (index(x as isize + 1 - cols as isize), index(x as isize + 1));
-        let sums = &sums.as_flattened()[start..end];
-        let least = sums.iter().enumerate().min_by_key(|(_, sum)| **sum);
-        start + least.map_or(0, |(k, _)| k)
     }
+
+    // x - d is a column from 0 on, and before the last.
+    let index = |disparity: isize| {
+        (disparity - candidates.min()).clamp(0, candidates.count() as isize) as usize
+    };
+    let (start, end) = (index(x as isize + 1 - cols as isize), index(x as isize + 1));
+    let sums = &sums.as_flattened()[start..end];
+    let least = sums.iter().enumerate().min_by_key(|(_, sum)| **sum);
+    start + least.map_or(0, |(k, _)| k)
 }

@@ -13,7 +13,7 @@ use super::bins::{FLOAT_LANES, FloatLanes, bins, ln, total};
 use super::response::Response;
 use super::spectrum::Powers;
 use phasestereo_match::base::math;
-use phasestereo_match::base::simd::{Level, Loop};
+use phasestereo_match::base::simd::{Level, Loop, leveled};
 
 /// Residuals beyond this, nepers, are clipped: blocks do not always show quite the same.
 const LARGEST_RESIDUAL: f32 = 2.0;
@@ -63,7 +63,7 @@ impl BlurEvidence {
     /// Evidence for a blur of the left image and for one of the right image, given the powers of the noise of
     /// both.
     pub fn of_both(powers: &Powers, noise: [f32; 2], level: Level) -> [Self; 2] {
-        level.run(Signals { powers, noise })
+        evidence_of_both(level, powers, noise)
     }
 
     /// The evidence with a blur of the sharper image undone, of which this is the response.
@@ -83,7 +83,7 @@ impl BlurEvidence {
 
     /// Fits the model: blurred = gain x response x (sharp - its noise) + noise.
     pub fn fit(&self, response: &Response, level: Level) -> BlurFit {
-        level.run(ResponseModel { evidence: self, response })
+        fit_response(level, self, response)
     }
 
     /// The losses of many responses.
@@ -97,69 +97,46 @@ impl BlurEvidence {
 }
 
 /// Subtracts the noise and takes logarithms, as evidence for either side.
-struct Signals<'a> {
-    powers: &'a Powers,
-    noise: [f32; 2],
-}
+#[leveled]
+fn evidence_of_both(level: Level, powers: &Powers, noise: [f32; 2]) -> [BlurEvidence; 2] {
+    let [left, right] = &powers.binned;
+    let (left, right) = (left.as_chunks::<FLOAT_LANES>().0, right.as_chunks::<FLOAT_LANES>().0);
+    let with_capacity = || Vec::with_capacity(left.len());
+    let evidence =
+        |noise| BlurEvidence { blurred: with_capacity(), sharp: with_capacity(), noise, low: 0.0 };
+    // Evidence for a blur of the left image takes the right one as the sharp one, and the other way
+    // round.
+    let (mut for_left, mut for_right) = (evidence(noise[0]), evidence(noise[1]));
 
-impl Loop for Signals<'_> {
-    type Output = [BlurEvidence; 2];
+    let mut low = [0.0; FLOAT_LANES];
+    for ((left, right), weights) in
+        left.iter().zip(right).zip(bins().low.as_chunks::<FLOAT_LANES>().0)
+    {
+        let left_signal = signal(*left, noise[0]);
+        let right_signal = signal(*right, noise[1]);
+        let (left_log, right_log) = (logarithms(left_signal), logarithms(right_signal));
 
-    #[inline(always)]
-    fn run(self) -> [BlurEvidence; 2] {
-        let Self { powers, noise } = self;
-        let [left, right] = &powers.binned;
-        let (left, right) = (left.as_chunks::<FLOAT_LANES>().0, right.as_chunks::<FLOAT_LANES>().0);
-        let with_capacity = || Vec::with_capacity(left.len());
-        let evidence = |noise| BlurEvidence {
-            blurred: with_capacity(),
-            sharp: with_capacity(),
-            noise,
-            low: 0.0,
-        };
-        // Evidence for a blur of the left image takes the right one as the sharp one, and the other way
-        // round.
-        let (mut for_left, mut for_right) = (evidence(noise[0]), evidence(noise[1]));
-
-        let mut low = [0.0; FLOAT_LANES];
-        for ((left, right), weights) in
-            left.iter().zip(right).zip(bins().low.as_chunks::<FLOAT_LANES>().0)
-        {
-            let left_signal = signal(*left, noise[0]);
-            let right_signal = signal(*right, noise[1]);
-            let (left_log, right_log) = (logarithms(left_signal), logarithms(right_signal));
-
-            for lane in 0..FLOAT_LANES {
-                low[lane] += weights[lane] * (left_log[lane] - right_log[lane]);
-            }
-
-            for_left.blurred.push(logarithms(*left));
-            for_left.sharp.push(right_signal);
-            for_right.blurred.push(logarithms(*right));
-            for_right.sharp.push(left_signal);
+        for lane in 0..FLOAT_LANES {
+            low[lane] += weights[lane] * (left_log[lane] - right_log[lane]);
         }
 
-        for_left.low = total(low);
-        for_right.low = -for_left.low;
-
-        [for_left, for_right]
+        for_left.blurred.push(logarithms(*left));
+        for_left.sharp.push(right_signal);
+        for_right.blurred.push(logarithms(*right));
+        for_right.sharp.push(left_signal);
     }
+
+    for_left.low = total(low);
+    for_right.low = -for_left.low;
+
+    [for_left, for_right]
 }
 
 /// Fits one response.
-struct ResponseModel<'a> {
-    evidence: &'a BlurEvidence,
-    response: &'a Response,
-}
-
-impl Loop for ResponseModel<'_> {
-    type Output = BlurFit;
-
-    #[inline(always)]
-    fn run(self) -> BlurFit {
-        let (loss, excess, log_gain) = fitted(self.evidence, self.response, &mut { NO_RESIDUALS });
-        BlurFit { loss: total(loss), lack: -total(excess), log_gain }
-    }
+#[leveled]
+fn fit_response(level: Level, evidence: &BlurEvidence, response: &Response) -> BlurFit {
+    let (loss, excess, log_gain) = fitted(evidence, response, &mut { NO_RESIDUALS });
+    BlurFit { loss: total(loss), lack: -total(excess), log_gain }
 }
 
 /// Fits responses one after another: what is set up for each fit alone takes a third of its time.

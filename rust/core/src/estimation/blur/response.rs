@@ -1,7 +1,7 @@
 //! Responses: the share of the power that a kernel leaves in every bin of a spectrum.
 
 use super::bins::{SIDE, bins, ln};
-use super::spectrum::Norms;
+use super::spectrum::take_norms;
 use super::taps::Taps;
 use super::transform::{Content, HALF, Scratch};
 use phasestereo_match::base::simd::Level;
@@ -39,7 +39,7 @@ pub fn response(taps: &Taps, level: Level) -> Response {
     }
 
     work.transform(Content::Complex, level);
-    level.run(Norms(&mut work.block));
+    take_norms(level, &mut work.block);
     Response::new(bins().pooled(&smeared(work.block.re.as_flattened())))
 }
 

@@ -6,7 +6,7 @@ use super::spectrum::BlockPlace;
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::plane::Plane;
-use phasestereo_match::base::simd::{Level, Loop};
+use phasestereo_match::base::simd::{Level, leveled};
 use phasestereo_match::base::statistics::median;
 use phasestereo_match::base::value::nearest;
 use phasestereo_match::image::conversion::view_of_plane;
@@ -81,43 +81,30 @@ pub fn reduced(
 
     let size = (plane.rows() / factor, plane.cols() / factor);
     Plane::by_rows(size, control, |y, out: &mut [f32]| {
-        level.run(ReduceRow { plane, factor, y, out });
+        reduce_row(level, plane, factor, y, out);
     })
 }
 
 /// Writes a row of means over squares, from zeros.
-struct ReduceRow<'a> {
-    plane: &'a Plane<f32>,
-    factor: usize,
-    y: usize,
-    out: &'a mut [f32],
-}
-
-impl Loop for ReduceRow<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        let Self { plane, factor, y, out } = self;
-
-        for row in y * factor..(y + 1) * factor {
-            // Sums of a fixed number of pixels are vectorized.
-            match factor {
-                2 => add_sums::<2>(plane.row(row), out),
-                4 => add_sums::<4>(plane.row(row), out),
-                8 => add_sums::<8>(plane.row(row), out),
-                _ => {
-                    for (sum, part) in out.iter_mut().zip(plane.row(row).chunks_exact(factor)) {
-                        *sum += part.iter().sum::<f32>();
-                    }
+#[leveled]
+fn reduce_row(level: Level, plane: &Plane<f32>, factor: usize, y: usize, out: &mut [f32]) {
+    for row in y * factor..(y + 1) * factor {
+        // Sums of a fixed number of pixels are vectorized.
+        match factor {
+            2 => add_sums::<2>(plane.row(row), out),
+            4 => add_sums::<4>(plane.row(row), out),
+            8 => add_sums::<8>(plane.row(row), out),
+            _ => {
+                for (sum, part) in out.iter_mut().zip(plane.row(row).chunks_exact(factor)) {
+                    *sum += part.iter().sum::<f32>();
                 }
             }
         }
+    }
 
-        let share = 1.0 / (factor * factor) as f32;
-        for sum in out {
-            *sum *= share;
-        }
+    let share = 1.0 / (factor * factor) as f32;
+    for sum in out {
+        *sum *= share;
     }
 }
 

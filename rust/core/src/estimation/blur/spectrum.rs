@@ -10,7 +10,7 @@ use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::math;
 use phasestereo_match::base::plane::Plane;
-use phasestereo_match::base::simd::{Level, Loop};
+use phasestereo_match::base::simd::{Level, leveled};
 
 /// The corners of a pair of blocks that show the same.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -65,61 +65,49 @@ fn window() -> &'static HannWindow {
 
 /// Cuts out the blocks at a place as real and imaginary parts of one, subtracts their means under the window,
 /// and multiplies them by it.
-struct CutBlocks<'a> {
-    images: [&'a Plane<f32>; 2],
+#[leveled]
+fn cut_blocks(
+    level: Level,
+    images: [&Plane<f32>; 2],
     place: BlockPlace,
-    window: &'a HannWindow,
-    block: &'a mut ComplexBlock,
-}
+    window: &HannWindow,
+    block: &mut ComplexBlock,
+) {
+    let corners = [(place.top, place.left), (place.right_top, place.right)];
+    let parts = [&mut block.re, &mut block.im];
+    for ((image, (top, left)), part) in images.into_iter().zip(corners).zip(parts) {
+        for (y, row) in part.chunks_exact_mut(SIDE / FLOAT_LANES).enumerate() {
+            let pixels = &image.row(top + y)[left..left + SIDE];
+            row.copy_from_slice(pixels.as_chunks().0);
+        }
 
-impl Loop for CutBlocks<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        let Self { images, place, window, block } = self;
-        let corners = [(place.top, place.left), (place.right_top, place.right)];
-        let parts = [&mut block.re, &mut block.im];
-        for ((image, (top, left)), part) in images.into_iter().zip(corners).zip(parts) {
-            for (y, row) in part.chunks_exact_mut(SIDE / FLOAT_LANES).enumerate() {
-                let pixels = &image.row(top + y)[left..left + SIDE];
-                row.copy_from_slice(pixels.as_chunks().0);
+        // Subtracts the mean under the window, so that the brightness does not leak into low frequencies.
+        let mut weighted = [0.0; FLOAT_LANES];
+        for (values, weights) in part.iter().zip(&window.values) {
+            for lane in 0..FLOAT_LANES {
+                weighted[lane] += values[lane] * weights[lane];
             }
-
-            // Subtracts the mean under the window, so that the brightness does not leak into low frequencies.
-            let mut weighted = [0.0; FLOAT_LANES];
-            for (values, weights) in part.iter().zip(&window.values) {
-                for lane in 0..FLOAT_LANES {
-                    weighted[lane] += values[lane] * weights[lane];
-                }
-            }
-            let mean = total(weighted) / window.sum;
-            let values = part.as_flattened_mut().iter_mut();
-            for (value, weight) in values.zip(window.values.as_flattened()) {
-                *value = (*value - mean) * weight;
-            }
+        }
+        let mean = total(weighted) / window.sum;
+        let values = part.as_flattened_mut().iter_mut();
+        for (value, weight) in values.zip(window.values.as_flattened()) {
+            *value = (*value - mean) * weight;
         }
     }
 }
 
 /// Replaces the real parts of a block by its powers.
-pub struct Norms<'a>(pub &'a mut ComplexBlock);
-
-impl Loop for Norms<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        let ComplexBlock { re, im } = self.0;
-        for (re, im) in re.as_flattened_mut().iter_mut().zip(im.as_flattened()) {
-            *re = *re * *re + im * im;
-        }
+#[leveled]
+pub fn take_norms(level: Level, block: &mut ComplexBlock) {
+    let ComplexBlock { re, im } = block;
+    for (re, im) in re.as_flattened_mut().iter_mut().zip(im.as_flattened()) {
+        *re = *re * *re + im * im;
     }
 }
 
 /// Computes the lower halves of the spectra of the blocks at a place.
 fn take_spectra(images: [&Plane<f32>; 2], place: BlockPlace, work: &mut Scratch, level: Level) {
-    level.run(CutBlocks { images, place, window: window(), block: &mut work.block });
+    cut_blocks(level, images, place, window(), &mut work.block);
     work.transform(Content::Pair, level);
 }
 
@@ -134,7 +122,7 @@ pub fn powers(
         control.checkpoint()?;
         take_spectra(images, *place, work, level);
 
-        level.run(Norms(&mut work.block));
+        take_norms(level, &mut work.block);
         let (left, right) = work.block.re.as_flattened().split_at(HALF);
 
         let bins = bins();

@@ -4,7 +4,7 @@ use std::sync::OnceLock;
 
 use super::bins::{FLOAT_LANES, FloatLanes, SIDE};
 use phasestereo_match::base::math;
-use phasestereo_match::base::simd::{Level, Loop};
+use phasestereo_match::base::simd::{Level, leveled};
 
 /// Coefficients of half a spectrum: the other half of a real block's mirrors it.
 pub const HALF: usize = SIDE * SIDE / 2;
@@ -55,40 +55,31 @@ impl Scratch {
 
     /// Transforms the block.
     pub fn transform(&mut self, content: Content, level: Level) {
-        level.run(TransformBlock { work: self, content });
+        transform_block(level, self, content);
     }
 }
 
 /// The transform along y, then along x.
-struct TransformBlock<'a> {
-    work: &'a mut Scratch,
-    content: Content,
-}
+#[leveled]
+fn transform_block(level: Level, work: &mut Scratch, content: Content) {
+    let Scratch { block, between } = work;
+    let turns = turns();
 
-impl Loop for TransformBlock<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        let Self { work: Scratch { block, between }, content } = self;
-        let turns = turns();
-
-        // Each lane holds a column.
-        for group in 0..GROUPS {
-            let mut strip = Strip::of_rows(block, group);
-            strip.transform(turns);
-            match content {
-                Content::Complex => strip.put(between, group),
-                Content::Pair => strip.put_pair(between, group),
-            }
+    // Each lane holds a column.
+    for group in 0..GROUPS {
+        let mut strip = Strip::of_rows(block, group);
+        strip.transform(turns);
+        match content {
+            Content::Complex => strip.put(between, group),
+            Content::Pair => strip.put_pair(between, group),
         }
+    }
 
-        // Each lane holds a row of the coefficients along y.
-        for group in 0..GROUPS {
-            let mut strip = Strip::of_columns(between, group);
-            strip.transform(turns);
-            strip.put_halves(block, group);
-        }
+    // Each lane holds a row of the coefficients along y.
+    for group in 0..GROUPS {
+        let mut strip = Strip::of_columns(between, group);
+        strip.transform(turns);
+        strip.put_halves(block, group);
     }
 }
 

@@ -10,7 +10,7 @@
 //!
 //! A slanted edge moves the same way from any row to the next; only fields move back and forth.
 
-use phasestereo_match::base::simd::{Level, Loop};
+use phasestereo_match::base::simd::{Level, leveled};
 
 /// Pixels of a run.
 const RUN: usize = 16;
@@ -61,50 +61,40 @@ impl Runs {
 pub fn runs(row: &[i32], flat: f64, textured: f64, level: Level) -> Runs {
     let [flat, textured] = [flat, textured].map(|limit| (limit * RUN as f64).powi(2) as i64);
 
-    level.run(CountRuns { runs: row.as_chunks::<RUN>().0, flat, textured })
+    count_runs(level, row.as_chunks::<RUN>().0, flat, textured)
 }
 
 /// Counts runs by sums of squared deviations, times their length.
-struct CountRuns<'a> {
-    runs: &'a [[i32; RUN]],
-    flat: i64,
-    textured: i64,
-}
+#[leveled]
+fn count_runs(level: Level, runs: &[[i32; RUN]], flat: i64, textured: i64) -> Runs {
+    let mut count = Runs { all: runs.len() as u64, ..Runs::default() };
 
-impl Loop for CountRuns<'_> {
-    type Output = Runs;
-
-    #[inline(always)]
-    fn run(self) -> Runs {
-        let mut count = Runs { all: self.runs.len() as u64, ..Runs::default() };
-
-        for run in self.runs {
-            let (mut sum, mut squares) = (0i64, 0i64);
-            for value in run {
-                sum += i64::from(*value);
-                squares += i64::from(*value) * i64::from(*value);
-            }
-            let deviation = RUN as i64 * squares - sum * sum;
-            count.flat += u64::from(deviation < self.flat);
-            if deviation < self.textured {
-                continue;
-            }
-
-            let (mut bends, mut steps) = (0u32, 0u32);
-            for x in 1..RUN - 1 {
-                bends += (2 * run[x]).abs_diff(run[x - 1] + run[x + 1]);
-            }
-            for x in FAR..RUN {
-                steps += run[x].abs_diff(run[x - FAR]);
-            }
-            // Means: there are two bends less than pixels, and FAR steps less.
-            let is_smeared = f64::from(bends) * ((RUN - FAR) as f64)
-                < SMOOTH * f64::from(steps) * ((RUN - 2) as f64);
-            count.textured += 1;
-            count.smeared += u64::from(is_smeared);
+    for run in runs {
+        let (mut sum, mut squares) = (0i64, 0i64);
+        for value in run {
+            sum += i64::from(*value);
+            squares += i64::from(*value) * i64::from(*value);
         }
-        count
+        let deviation = RUN as i64 * squares - sum * sum;
+        count.flat += u64::from(deviation < flat);
+        if deviation < textured {
+            continue;
+        }
+
+        let (mut bends, mut steps) = (0u32, 0u32);
+        for x in 1..RUN - 1 {
+            bends += (2 * run[x]).abs_diff(run[x - 1] + run[x + 1]);
+        }
+        for x in FAR..RUN {
+            steps += run[x].abs_diff(run[x - FAR]);
+        }
+        // Means: there are two bends less than pixels, and FAR steps less.
+        let is_smeared = f64::from(bends) * ((RUN - FAR) as f64)
+            < SMOOTH * f64::from(steps) * ((RUN - 2) as f64);
+        count.textured += 1;
+        count.smeared += u64::from(is_smeared);
     }
+    count
 }
 
 /// The number of windows of a row that come back further on, and of all windows. `noise` is the standard
@@ -120,7 +110,7 @@ pub fn repeated_windows(
     let windows = row.windows(WINDOW + LONGEST).step_by(WINDOW);
 
     let repeats = |part: &[i32]| {
-        let differences = &level.run(RowDifferences(part))[..period.min(LONGEST)];
+        let differences = &row_differences(level, part)[..period.min(LONGEST)];
         let part = |sum: u32| f64::from(sum) / WINDOW as f64 - MEAN_OF_NOISE * noise;
 
         let largest = differences.iter().copied().max().unwrap_or(0);
@@ -134,62 +124,46 @@ pub fn repeated_windows(
 }
 
 /// The sums of differences between the first pixels and those some way on.
-struct RowDifferences<'a>(&'a [i32]);
+#[leveled]
+fn row_differences(level: Level, row: &[i32]) -> [u32; LONGEST] {
+    let first = &row[..WINDOW];
+    let mut sums = [0; LONGEST];
 
-impl Loop for RowDifferences<'_> {
-    type Output = [u32; LONGEST];
-
-    #[inline(always)]
-    fn run(self) -> [u32; LONGEST] {
-        let first = &self.0[..WINDOW];
-        let mut sums = [0; LONGEST];
-
-        for (at, sum) in sums.iter_mut().enumerate() {
-            let other = &self.0[at + 1..at + 1 + WINDOW];
-            *sum = first.iter().zip(other).map(|(a, b)| a.abs_diff(*b)).sum();
-        }
-        sums
+    for (at, sum) in sums.iter_mut().enumerate() {
+        let other = &row[at + 1..at + 1 + WINDOW];
+        *sum = first.iter().zip(other).map(|(a, b)| a.abs_diff(*b)).sum();
     }
+    sums
 }
 
 /// The differences between an even row, the odd one below and the even one below that, by the shift of the
 /// odd row, from `-FIELD_REACH` on; all 0 where rows are too short.
-pub fn field_differences(rows: [&[i32]; 3], level: Level) -> [u64; 2 * FIELD_REACH + 1] {
-    if rows[0].len() <= 2 * FIELD_REACH {
+#[leveled]
+pub fn field_differences(level: Level, rows: [&[i32]; 3]) -> [u64; 2 * FIELD_REACH + 1] {
+    let [even, odd, next] = rows;
+    if even.len() <= 2 * FIELD_REACH {
         return [0; 2 * FIELD_REACH + 1];
     }
 
-    level.run(FieldDifferences(rows))
-}
+    let count = even.len() - 2 * FIELD_REACH;
+    let middle = FIELD_REACH..FIELD_REACH + count;
+    let (first, second) = (&even[middle.clone()], &odd[middle]);
 
-struct FieldDifferences<'a>([&'a [i32]; 3]);
+    let mut sums = [0; 2 * FIELD_REACH + 1];
+    for (at, sum) in sums.iter_mut().enumerate() {
+        let back = 2 * FIELD_REACH - at;
+        let (moved, other) = (&odd[at..at + count], &next[back..back + count]);
 
-impl Loop for FieldDifferences<'_> {
-    type Output = [u64; 2 * FIELD_REACH + 1];
-
-    #[inline(always)]
-    fn run(self) -> [u64; 2 * FIELD_REACH + 1] {
-        let [even, odd, next] = self.0;
-        let count = even.len() - 2 * FIELD_REACH;
-        let middle = FIELD_REACH..FIELD_REACH + count;
-        let (first, second) = (&even[middle.clone()], &odd[middle]);
-
-        let mut sums = [0; 2 * FIELD_REACH + 1];
-        for (at, sum) in sums.iter_mut().enumerate() {
-            let back = 2 * FIELD_REACH - at;
-            let (moved, other) = (&odd[at..at + count], &next[back..back + count]);
-
-            for at in (0..count).step_by(SUMMED) {
-                let part = at..(at + SUMMED).min(count);
-                let differences = |one: &[i32], two: &[i32]| -> u32 {
-                    one.iter().zip(two).map(|(a, b)| a.abs_diff(*b)).sum()
-                };
-                *sum += u64::from(differences(&first[part.clone()], &moved[part.clone()]));
-                *sum += u64::from(differences(&second[part.clone()], &other[part]));
-            }
+        for at in (0..count).step_by(SUMMED) {
+            let part = at..(at + SUMMED).min(count);
+            let differences = |one: &[i32], two: &[i32]| -> u32 {
+                one.iter().zip(two).map(|(a, b)| a.abs_diff(*b)).sum()
+            };
+            *sum += u64::from(differences(&first[part.clone()], &moved[part.clone()]));
+            *sum += u64::from(differences(&second[part.clone()], &other[part]));
         }
-        sums
     }
+    sums
 }
 
 #[cfg(test)]
@@ -241,7 +215,7 @@ mod tests {
         let row = |shift: usize| -> Vec<i32> { (0..90).map(|x| hashed(x + shift)).collect() };
         let (even, odd) = (row(20), row(15)); // 5 columns to the right
 
-        let found = field_differences([&even, &odd, &even], Level::best());
+        let found = field_differences(Level::best(), [&even, &odd, &even]);
         assert_eq!(found.iter().position(|sum| *sum == 0), Some(FIELD_REACH + 5));
 
         let naive = |k: isize| -> u64 {

@@ -39,7 +39,7 @@ use crate::video::choices::{
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::plane::{Plane, zeroed};
-use phasestereo_match::base::simd::{Level, Loop};
+use phasestereo_match::base::simd::{Level, leveled};
 use phasestereo_match::base::statistics::ranked;
 use phasestereo_match::image::gray_scale::GrayScale;
 use phasestereo_match::image::view::View;
@@ -86,7 +86,7 @@ impl Scale {
         let black = (scale.pixel(0.0) - self.black) * self.factor;
         let factor = self.factor / scale.steps(1.0);
         let (factor, black) = (factor as f32, black as f32);
-        level.run(ToGrayLevels { values: view.gray().row(y), factor, black, gray });
+        to_gray_levels(level, view.gray().row(y), factor, black, gray);
 
         if let Some(mask) = view.mask() {
             for (gray, is_valid) in gray.iter_mut().zip(mask.row(y)) {
@@ -145,7 +145,7 @@ impl Changes {
         let rows = rows.zip(changed.as_mut_slice().par_chunks_mut(cols)).enumerate();
         rows.for_each(|(y, ((mean, count), changed))| {
             let excess = [y, y + 1, y + 2].map(|y| excess.row(y));
-            level.run(Update { excess, gray: gray.row(y), gain, mean, count, changed });
+            update_row(level, excess, gray.row(y), gain, mean, count, changed);
         });
 
         Ok(())
@@ -206,7 +206,7 @@ impl Changes {
 
                 let (mean, count) = (mean.row(y), count.row(y));
                 let out = &mut excess[1..=cols];
-                level.run(Excess { gray, mean, count, inverse: 1.0 / noise, gain, out });
+                write_excess(level, gray, mean, count, 1.0 / noise, gain, out);
                 Ok(())
             };
         rows.try_for_each_init(|| zeroed(image_cols), compare_row)
@@ -214,51 +214,22 @@ impl Changes {
 }
 
 /// Scales a row of integers to gray levels.
-struct ToGrayLevels<'a> {
-    values: &'a [i32],
-    factor: f32,
-    black: f32,
-    gray: &'a mut [f32],
-}
-
-impl Loop for ToGrayLevels<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        for (gray, value) in self.gray.iter_mut().zip(self.values) {
-            *gray = *value as f32 * self.factor + self.black;
-        }
+#[leveled]
+fn to_gray_levels(level: Level, values: &[i32], factor: f32, black: f32, gray: &mut [f32]) {
+    for (gray, value) in gray.iter_mut().zip(values) {
+        *gray = *value as f32 * factor + black;
     }
 }
 
-/// The excesses of a row of places.
-struct Excess<'a> {
-    gray: &'a [f32],
-    mean: &'a [f32],
-    count: &'a [u8],
+/// The excesses of a row of places. `inverse`: that of the noise.
+#[leveled]
+fn write_excess(
+    level: Level,
+    gray: &[f32],
+    mean: &[f32],
+    count: &[u8],
     inverse: f32,
     gain: f32,
-    out: &'a mut [f32],
-}
-
-impl Loop for Excess<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        let Self { gray, mean, count, inverse, gain, out } = self;
-        write_excess([gray, mean], count, [inverse, gain], out);
-    }
-}
-
-/// The excess of the module. Outputs and inputs are separate arguments, so the vectorizer knows that they do
-/// not overlap.
-#[inline(always)]
-fn write_excess(
-    [gray, mean]: [&[f32]; 2],
-    count: &[u8],
-    [inverse, gain]: [f32; 2],
     excess: &mut [f32],
 ) {
     let cols = excess.len();
@@ -278,28 +249,10 @@ fn write_excess(
 }
 
 /// Changes and means of a row of places; `excess` has the rows above and below, too.
-struct Update<'a> {
-    excess: [&'a [f32]; 3],
-    gray: &'a [f32],
-    gain: f32,
-    mean: &'a mut [f32],
-    count: &'a mut [u8],
-    changed: &'a mut [bool],
-}
-
-impl Loop for Update<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        update(self.excess, self.gray, self.gain, self.mean, self.count, self.changed);
-    }
-}
-
-/// The recurrence of the module; arguments as in [`write_excess`].
-#[inline(always)]
-fn update(
-    [above, own, below]: [&[f32]; 3],
+#[leveled]
+fn update_row(
+    level: Level,
+    excess: [&[f32]; 3],
     gray: &[f32],
     gain: f32,
     mean: &mut [f32],
@@ -307,7 +260,7 @@ fn update(
     changed: &mut [bool],
 ) {
     let cols = gray.len();
-    let (above, own, below) = (&above[..cols + 2], &own[..cols + 2], &below[..cols + 2]);
+    let [above, own, below] = excess.map(|row| &row[..cols + 2]);
     let (mean, count, changed) = (&mut mean[..cols], &mut count[..cols], &mut changed[..cols]);
 
     for x in 0..cols {
@@ -361,7 +314,7 @@ fn block_squares(view: &View, scale: &Scale, first: usize, level: Level) -> Resu
         scale.write(view, first + y, level, &mut rows[y % 3]);
         if y >= 2 {
             let rows = [y - 2, y - 1, y].map(|slot| &*rows[slot % 3]);
-            level.run(Squares { rows, sums: &mut sums });
+            sum_squares(level, rows, &mut sums);
         }
     }
 
@@ -369,27 +322,12 @@ fn block_squares(view: &View, scale: &Scale, first: usize, level: Level) -> Resu
     Ok(sums.chunks_exact(NOISE_BLOCK).map(|block| block.iter().sum::<f32>() / pixels).collect())
 }
 
-/// Adds the squared second differences of a row to those of its block.
-struct Squares<'a> {
-    rows: [&'a [f32]; 3],
-    sums: &'a mut [f32],
-}
-
-impl Loop for Squares<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        add_squares(self.rows, self.sums);
-    }
-}
-
-/// Arguments as in [`write_excess`]. A sixth of the mask 1 -2 1 along both axes keeps the variance of white
-/// noise.
-#[inline(always)]
-fn add_squares([above, own, below]: [&[f32]; 3], sums: &mut [f32]) {
+/// Adds the squared second differences of a row to those of its block. A sixth of the mask 1 -2 1 along both
+/// axes keeps the variance of white noise.
+#[leveled]
+fn sum_squares(level: Level, rows: [&[f32]; 3], sums: &mut [f32]) {
     let cols = sums.len();
-    let (above, own, below) = (&above[..cols + 2], &own[..cols + 2], &below[..cols + 2]);
+    let [above, own, below] = rows.map(|row| &row[..cols + 2]);
 
     for (x, sum) in sums.iter_mut().enumerate() {
         let column = |x: usize| (above[x] + below[x]) - 2.0 * own[x];

@@ -16,7 +16,7 @@ use super::{Alignment, RowPolynomial};
 use crate::base::control::Control;
 use crate::base::error::Result;
 use crate::base::plane::{Plane, zeroed};
-use crate::base::simd::{Level, Loop};
+use crate::base::simd::{Level, leveled};
 use crate::base::value::nearest;
 use crate::image::resampling::{CENTER, STEPS, TAPS, WEIGHT_BITS, weights};
 use crate::image::view::View;
@@ -36,7 +36,7 @@ pub fn straightened(
         control.checkpoint()?;
         let offsets = &offsets(alignment, y, cols, level)?;
         let ends = view.scale().ends();
-        level.run(Resample { source: &source, rows, y, offsets, ends, out });
+        resample(level, &source, rows, y, offsets, ends, out);
         Ok(())
     })?;
 
@@ -69,64 +69,47 @@ fn straightened_mask(
 /// The offsets of the pixels of row `y`: steps below the row itself.
 fn offsets(alignment: &Alignment, y: usize, cols: usize, level: Level) -> Result<Vec<i32>> {
     let mut offsets = zeroed(cols)?;
-    level.run(WriteOffsets { along: alignment.along(y as f64), offsets: &mut offsets });
+    write_offsets(level, alignment.along(y as f64), &mut offsets);
     Ok(offsets)
 }
 
 /// Computes the offsets of a row.
-struct WriteOffsets<'a> {
-    along: RowPolynomial,
-    offsets: &'a mut [i32],
-}
-
-impl Loop for WriteOffsets<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        for (x, offset) in (0i32..).zip(self.offsets) {
-            *offset = nearest(self.along.at(f64::from(x)) * f64::from(STEPS));
-        }
+#[leveled]
+fn write_offsets(level: Level, along: RowPolynomial, offsets: &mut [i32]) {
+    for (x, offset) in (0i32..).zip(offsets) {
+        *offset = nearest(along.at(f64::from(x)) * f64::from(STEPS));
     }
 }
 
-/// One row of the resampled image.
-struct Resample<'a> {
-    /// All rows of the image.
-    source: &'a [i32],
+/// One row of the resampled image. `source`: all rows of the image. `ends`: least and largest value.
+#[leveled]
+fn resample(
+    level: Level,
+    source: &[i32],
     rows: usize,
     y: usize,
-    offsets: &'a [i32],
-    /// Least and largest value.
+    offsets: &[i32],
     ends: [i32; 2],
-    out: &'a mut [i32],
-}
+    out: &mut [i32],
+) {
+    let weights = weights();
+    let (width, last) = (out.len(), rows as isize - 1);
 
-impl Loop for Resample<'_> {
-    type Output = ();
+    let mut end = 0;
+    // Each run is a weighted sum of eight contiguous pieces of rows, which the compiler vectorizes.
+    for run in offsets.chunk_by(|a, b| a == b) {
+        let start = end;
+        end += run.len();
 
-    #[inline(always)]
-    fn run(self) {
-        let Self { source, rows, y, offsets, ends, out } = self;
-        let weights = weights();
-        let (width, last) = (out.len(), rows as isize - 1);
-
-        let mut end = 0;
-        // Each run is a weighted sum of eight contiguous pieces of rows, which the compiler vectorizes.
-        for run in offsets.chunk_by(|a, b| a == b) {
-            let start = end;
-            end += run.len();
-
-            let above = y as isize + run[0].div_euclid(STEPS) as isize;
-            let mut taps = [&[][..]; TAPS];
-            for (tap, pixels) in (0..).zip(&mut taps) {
-                let row = (above - CENTER + tap).clamp(0, last) as usize;
-                *pixels = &source[row * width..][start..end];
-            }
-
-            let weights = &weights[run[0].rem_euclid(STEPS) as usize];
-            write_means(&taps, weights, ends, &mut out[start..end]);
+        let above = y as isize + run[0].div_euclid(STEPS) as isize;
+        let mut taps = [&[][..]; TAPS];
+        for (tap, pixels) in (0..).zip(&mut taps) {
+            let row = (above - CENTER + tap).clamp(0, last) as usize;
+            *pixels = &source[row * width..][start..end];
         }
+
+        let weights = &weights[run[0].rem_euclid(STEPS) as usize];
+        write_means(&taps, weights, ends, &mut out[start..end]);
     }
 }
 

@@ -7,7 +7,7 @@ use std::ops::Range;
 use super::{ClassGroup, REACH, RivalMaps, around};
 use crate::base::error::Result;
 use crate::base::plane::{Plane, parts, zeroed};
-use crate::base::simd::{Level, Loop};
+use crate::base::simd::{Level, Loop, leveled};
 use crate::choices::{BESIDE_GAP, SYNTHESIS_WINDOW};
 use crate::descriptor::{Code, Codes, describe};
 use crate::image::convolution::Kernel as Blur;
@@ -60,18 +60,14 @@ impl<'a> SoftView<'a> {
 
         // The first window but its last row; each further row completes one window and opens the next.
         for y in 0..SYNTHESIS_WINDOW - 1 {
-            band.level.run(SlideDown {
-                enters: distances.row(y),
-                leaves: None,
-                sums: &mut column_sums,
-            });
+            slide_down(band.level, distances.row(y), None, &mut column_sums);
         }
 
         for y in 0..band.rows.len() {
             let leaves = y.checked_sub(1).map(|y| distances.row(y));
             let enters = distances.row(y + SYNTHESIS_WINDOW - 1);
-            band.level.run(SlideDown { enters, leaves, sums: &mut column_sums });
-            band.level.run(WindowSums { columns: &column_sums, sums: sums.row_mut(y) });
+            slide_down(band.level, enters, leaves, &mut column_sums);
+            window_sums(band.level, &column_sums, sums.row_mut(y));
         }
 
         self.read(sums)
@@ -110,7 +106,7 @@ impl<'a> SoftView<'a> {
         let mut shown = Plane::new(band.seen.len(), self.around.len())?;
 
         for (row, y) in band.seen.clone().enumerate() {
-            band.level.run(RoundRow { disparity: disparity.row(row), whole: &mut whole });
+            round_row(band.level, disparity.row(row), &mut whole);
 
             let out = shown.row_mut(row);
             if side == 0 {
@@ -202,7 +198,7 @@ impl RivalMaps<'_> {
         for (row, y) in self.rows.clone().enumerate() {
             for (map, whole) in self.maps.iter().zip(&mut whole) {
                 let disparity = &map.row(y - self.seen.start)[self.columns.clone()];
-                self.level.run(RoundRow { disparity, whole });
+                round_row(self.level, disparity, whole);
             }
 
             for (index, x) in self.columns.clone().enumerate() {
@@ -315,25 +311,15 @@ impl RightView<'_> {
 }
 
 /// Rounds disparities to whole pixels (ties: even); 0: none.
-struct RoundRow<'a> {
-    disparity: &'a [f32],
-    whole: &'a mut [i32],
-}
+#[leveled]
+fn round_row(level: Level, disparity: &[f32], whole: &mut [i32]) {
+    // The sum with 1.5 * 2^23 has no bits for fractions: it is rounded, and its low bits are the integer.
+    let rounder = 1.5 * (1 << 23) as f32;
 
-impl Loop for RoundRow<'_> {
-    type Output = ();
+    for (whole, disparity) in whole.iter_mut().zip(disparity) {
+        let bits = (disparity + rounder).to_bits().cast_signed() - rounder.to_bits().cast_signed();
 
-    #[inline(always)]
-    fn run(self) {
-        // The sum with 1.5 * 2^23 has no bits for fractions: it is rounded, and its low bits are the integer.
-        let rounder = 1.5 * (1 << 23) as f32;
-
-        for (whole, disparity) in self.whole.iter_mut().zip(self.disparity) {
-            let bits =
-                (disparity + rounder).to_bits().cast_signed() - rounder.to_bits().cast_signed();
-
-            *whole = if disparity.is_nan() { 0 } else { bits };
-        }
+        *whole = if disparity.is_nan() { 0 } else { bits };
     }
 }
 
@@ -379,65 +365,46 @@ impl<C: Code> Loop for Distances<'_, C> {
 }
 
 /// Sums over the columns of a window, which is moved down by a row.
-struct SlideDown<'a> {
-    enters: &'a [u8],
-    leaves: Option<&'a [u8]>,
-    sums: &'a mut [u16],
-}
+#[leveled]
+fn slide_down(level: Level, enters: &[u8], leaves: Option<&[u8]>, sums: &mut [u16]) {
+    let n = sums.len();
+    let sums = &mut *sums;
+    let enters = &enters[..n];
 
-impl Loop for SlideDown<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        let n = self.sums.len();
-        let sums = &mut *self.sums;
-        let enters = &self.enters[..n];
-
-        if let Some(leaves) = self.leaves {
-            let leaves = &leaves[..n];
-            for x in 0..n {
-                sums[x] = sums[x] + u16::from(enters[x]) - u16::from(leaves[x]);
-            }
-        } else {
-            for x in 0..n {
-                sums[x] += u16::from(enters[x]);
-            }
+    if let Some(leaves) = leaves {
+        let leaves = &leaves[..n];
+        for x in 0..n {
+            sums[x] = sums[x] + u16::from(enters[x]) - u16::from(leaves[x]);
+        }
+    } else {
+        for x in 0..n {
+            sums[x] += u16::from(enters[x]);
         }
     }
 }
 
 /// Sums over windows: each of the [`SYNTHESIS_WINDOW`] sums of columns from its own on.
-struct WindowSums<'a> {
-    columns: &'a [u16],
-    sums: &'a mut [u16],
+#[leveled]
+fn window_sums(level: Level, columns: &[u16], sums: &mut [u16]) {
+    let mut buffer = [[0; SPAN]];
+
+    for (index, out) in sums.chunks_mut(LANES).enumerate() {
+        let [columns] = parts([columns], (index * LANES) as isize, &mut buffer, |_, _| 0);
+        let columns = &columns[..SPAN];
+
+        let mut sums = [0; LANES];
+        for away in 0..SYNTHESIS_WINDOW {
+            let columns = &columns[away..][..LANES];
+            for j in 0..LANES {
+                sums[j] += columns[j];
+            }
+        }
+
+        out.copy_from_slice(&sums[..out.len()]);
+    }
 }
 
 /// Sums that are computed at a time.
 const LANES: usize = 64;
 /// Columns that their windows reach.
 const SPAN: usize = LANES + SYNTHESIS_WINDOW - 1;
-
-impl Loop for WindowSums<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run(self) {
-        let mut buffer = [[0; SPAN]];
-
-        for (index, out) in self.sums.chunks_mut(LANES).enumerate() {
-            let [columns] = parts([self.columns], (index * LANES) as isize, &mut buffer, |_, _| 0);
-            let columns = &columns[..SPAN];
-
-            let mut sums = [0; LANES];
-            for away in 0..SYNTHESIS_WINDOW {
-                let columns = &columns[away..][..LANES];
-                for j in 0..LANES {
-                    sums[j] += columns[j];
-                }
-            }
-
-            out.copy_from_slice(&sums[..out.len()]);
-        }
-    }
-}
