@@ -160,7 +160,9 @@ pub fn complete_source(
     let started = Instant::now();
     let request = Request::new(facts, settings);
     if request.is_empty() {
-        return Ok(Estimates::of_facts(source.candidates(), facts));
+        let given = facts.candidates.clone();
+        let candidates = given.unwrap_or_else(|| Fact::estimated(source.candidates()));
+        return Ok(Estimates::of_facts(candidates, facts));
     }
 
     let inverted = Inverted(source);
@@ -319,24 +321,18 @@ impl Estimates {
         };
 
         Ok(Self {
-            axis: facts.axis.clone(),
-            candidates,
             confidence: geometry.map(|geometry| geometry.matched().confidence),
             is_inverted,
-            even_rows: [false; 2],
             seen: geometry.map(|geometry| Arc::new(geometry.seen_disparities())),
-            borders: [0.0; 2],
             range,
             left_out,
             offsets: geometry.and_then(|geometry| geometry.offsets.clone()),
             rows_apart: geometry.map_or(f64::INFINITY, |geometry| geometry.rows_apart),
-            shared_pattern: None,
             alignment: alignment.or_else(|| facts.aligned().cloned().flatten()),
             blur,
             photometry: Some(photometry),
             compensation,
-            findings: vec![],
-            time: Duration::ZERO,
+            ..Self::of_facts(candidates, facts)
         })
     }
 
@@ -352,14 +348,14 @@ impl Estimates {
     /// No estimates of a pair whose disparities are known.
     #[cfg(test)]
     pub fn of_candidates(candidates: Candidates) -> Self {
-        Self::of_facts(candidates, &Facts::default())
+        Self::of_facts(Fact::estimated(candidates), &Facts::default())
     }
 
     /// What is known, where nothing is requested.
-    fn of_facts(candidates: Candidates, facts: &Facts) -> Self {
+    fn of_facts(candidates: Fact<Candidates>, facts: &Facts) -> Self {
         Self {
             axis: facts.axis.clone(),
-            candidates: facts.candidates.clone().unwrap_or(Fact::estimated(candidates)),
+            candidates,
             confidence: None,
             is_inverted: facts.is_inverted,
             even_rows: [false; 2],

@@ -93,7 +93,9 @@ const LEAST_SHARE: f64 = 0.01;
 const NEGATIVE: (f64, f64) = (0.01, 0.02);
 
 /// The longest focal length of toed-in cameras, in widths of the image.
-pub const LONGEST: f64 = 1.5;
+const LONGEST: f64 = 1.5;
+/// The term of rows, `x y`, that a camera has which is turned towards the other.
+pub const TWIST: usize = 3;
 
 /// What becomes of disparities that are negative.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -647,12 +649,17 @@ fn error(
     math::hypot((variances.iter().sum::<f64>() / variances.len() as f64).sqrt(), BIAS)
 }
 
+/// The least [`TWIST`] of rows of cameras that are turned towards each other so far that there are such
+/// disparities. A camera of focal length `f` that is turned moves columns by `s` and, at `(x, y)` from its
+/// center, rows by `s x y / f^2`; images that are exchanged leave rows alone.
+pub fn least_twist(disparity: f64, (rows, cols): (usize, usize)) -> f64 {
+    -disparity * rows as f64 / (4.0 * LONGEST.powi(2) * cols as f64)
+}
+
 /// Whether rows of raw images lie as those of cameras that are turned towards each other so far that there
-/// are such disparities. A camera of focal length `f` that is turned moves columns by `s` and, at `(x, y)`
-/// from its center, rows by `s x y / f^2`; images that are exchanged leave rows alone.
+/// are such disparities.
 fn is_toed_in(blocks: &[CornerMatch], (rows, cols): (usize, usize), least: f64) -> bool {
     const TERMS: usize = 6;
-    const TWIST: usize = 3;
     let mut normal = Normal::<TERMS>::held([1e-9; TERMS]);
     for CornerMatch { left, right } in blocks {
         let x = 2.0 * right[0] / (cols - 1) as f64 - 1.0;
@@ -660,8 +667,7 @@ fn is_toed_in(blocks: &[CornerMatch], (rows, cols): (usize, usize), least: f64) 
         normal.add(&[1.0, x, y, x * y, x * x, y * y], right[1] - left[1], 1.0);
     }
 
-    let of_shift = -least * rows as f64 / (4.0 * LONGEST.powi(2) * cols as f64);
-    normal.solved().is_some_and(|terms| terms[TWIST] >= of_shift)
+    normal.solved().is_some_and(|terms| terms[TWIST] >= least_twist(least, (rows, cols)))
 }
 
 /// The shifts that leave things where they were, at the median. Rows are moved alike; columns each by

@@ -242,7 +242,7 @@ pub fn is_as_before(pair: &Pair, before: &BlurSignature, runtime: Runtime) -> Re
     }
 
     let part = Part::new(0, Cow::Borrowed(pair), runtime)?;
-    let images = part.grays.each_ref().map(|grays| &grays.plane);
+    let images = part.grays.each_ref();
     let powers = powers(images, &before.places, runtime.execution.level, runtime.control)?;
     Ok(before.is_like(&BlurSignature::new(before.places.clone(), &powers, size)))
 }
@@ -394,7 +394,7 @@ impl<'a> BlurEstimation<'a> {
             };
             let new: Vec<_> = tiles.map(place).collect();
 
-            let images = part.grays.each_ref().map(|grays| &grays.plane);
+            let images = part.grays.each_ref();
             let local = part.local(new.iter().flatten());
             all_powers.extend(powers(images, &local, self.level(), self.runtime.control)?);
             places.extend(new);

@@ -179,7 +179,7 @@ impl Overview {
             let skipped = visited.start - part.first / factor;
             let places = skipped * cols..(skipped + visited.len()) * cols;
             let both = both(|side| {
-                let gray = &part.grays[side].plane;
+                let gray = &part.grays[side];
                 reduced(gray, factor, runtime.execution.level, runtime.control)
             })?;
             for (side, reduced) in [&mut left, &mut right].into_iter().zip(both) {
@@ -216,8 +216,8 @@ impl Overview {
         let (mut left, mut right, mut valid) = (vec![], vec![], vec![]);
         for rows in bands {
             let part = Part::new(rows.start, Cow::Owned(pair.of_rows(rows.clone())), runtime)?;
-            left.extend_from_slice(part.grays[0].plane.as_slice());
-            right.extend_from_slice(part.grays[1].plane.as_slice());
+            left.extend_from_slice(part.grays[0].as_slice());
+            right.extend_from_slice(part.grays[1].as_slice());
             let view = part.pair.views()[0];
             valid.extend(
                 (0..rows.len()).flat_map(|y| (0..pair.size().1).map(move |x| view.is_valid(y, x))),

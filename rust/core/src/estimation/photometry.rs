@@ -85,7 +85,7 @@ pub struct Photometry {
     pub contrast: Option<Contrast>,
 }
 
-/// How gray values of an image (`GrayPlane`) become fractions of the range from black to white.
+/// How gray values of an image (`rough::grays`) become fractions of the range from black to white.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LightScale {
     /// The gray value of black.
@@ -244,7 +244,7 @@ impl GrayExtremes {
     /// Counts in the strip with this top row of the whole image.
     fn of_strip(part: &Part, side: usize, top: usize, limits: &Limits, level: Level) -> Self {
         let mut counts = Self::default();
-        let (view, plane) = (part.pair.views()[side], &part.grays[side].plane);
+        let (view, plane) = (part.pair.views()[side], &part.grays[side]);
 
         let first = top - part.first;
         let steps = |y: usize| {

@@ -19,8 +19,8 @@ use phasestereo_match::pair::alignment::Alignment;
 use phasestereo_match::pair::candidates::Candidates;
 use phasestereo_match::settings::MOST_DISPARITIES;
 
-/// Least mean confidence of a usable match: between those of unrelated images and of true pairs, see
-/// [`RoughMap`].
+/// Least mean confidence of a usable match: 0.58 to 0.95 for 12 pairs, sharp, after six one-sided blurs and with
+/// changed contrast; 0.11 to 0.44 for images that have nothing in common.
 pub const LEAST_CONFIDENCE: f64 = 0.45;
 /// Share of the matches that the shortest range holds at least.
 const CORE: f64 = 0.97;

@@ -16,7 +16,7 @@ use std::borrow::Cow;
 use rayon::prelude::*;
 
 use crate::estimation::blur::parts::{PairRows, Part, Strips};
-use crate::estimation::blur::rough::reduced;
+use crate::estimation::blur::rough::{MASKED_SHARE, reduced};
 use crate::estimation::overview::Overview;
 use crate::estimation::registration::Peak;
 use phasestereo_match::base::error::Result;
@@ -36,8 +36,6 @@ const AREA: usize = BLOCK + 2 * SEARCH;
 const SMOOTH: usize = 2;
 /// Least correlation of blocks that show the same.
 const LEAST_CORRELATION: f32 = 0.5;
-/// Of a block, at most one pixel in this many may be masked.
-const MASKED_SHARE: usize = 10;
 
 /// The expected place of a block: its center in the left image, and the offset to that in the right one,
 /// pixels of the whole images.
@@ -105,7 +103,7 @@ pub fn follow(
 
 /// The same in a part of the pair as it is, which has the rows that all of these blocks are looked for in.
 pub fn follow_here(part: &Part, seeds: &[Seed], level: Level) -> Vec<Track> {
-    let planes = part.grays.each_ref().map(|grays| Cow::Borrowed(&grays.plane));
+    let planes = part.grays.each_ref().map(Cow::Borrowed);
     let copies = ReducedPair { planes, factor: 1, first: part.first as isize };
 
     let tracks: Vec<Option<Track>> =
@@ -135,7 +133,7 @@ impl<'a> ReducedPair<'a> {
         }
 
         let copy = |side: usize| -> Result<Cow<'a, Plane<f32>>> {
-            let plane = &part.grays[side].plane;
+            let plane = &part.grays[side];
             if factor == 1 {
                 return Ok(Cow::Borrowed(plane));
             }

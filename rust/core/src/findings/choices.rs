@@ -22,9 +22,6 @@ pub const TEXTURED: f64 = 0.9;
 pub const UNIFORM: f64 = 0.97;
 /// Smeared texture that is named as a cause, as a share of the texture: of 21 sharp images less than half.
 pub const SMEARED: f64 = 0.55;
-/// Least mean confidence of the low-resolution match of a pair: 0.58 to 0.95 for 12 pairs, sharp, after six
-/// one-sided blurs and with changed contrast; 0.11 to 0.44 for images that have nothing in common.
-pub const LEAST_CONFIDENCE: f64 = 0.45;
 /// Share of pixels that smaller copies and planes decide from which on both are reported, and least share of
 /// either: less rounds to 0 %.
 pub const PLAIN: f64 = 0.25;

@@ -2,11 +2,12 @@
 
 use std::cmp::Reverse;
 
-use super::choices::{AT_ZERO, LEAST_CONFIDENCE, MENTIONED, PLAIN, SMEARED};
+use super::choices::{AT_ZERO, MENTIONED, PLAIN, SMEARED};
 use super::table::Grade::{Levels, Note};
 use super::table::{Measured, Row, evaluated, levels, percent, table, value, when};
 use crate::estimation::estimates::Estimates;
 use crate::estimation::overview::LEAST_SIZE;
+use crate::estimation::range::LEAST_CONFIDENCE;
 use crate::finding::{Finding, Severity, Topic};
 use phasestereo_match::matcher::summary::Summary;
 

@@ -6,7 +6,7 @@
 use std::fmt;
 
 use super::choices::{
-    BLUR_CONFIDENCE, BLUR_SHARE, LEAST_CONFIDENCE, PART, PART_ERRORS, SURE, SWAY, TEXTURED, UNIFORM,
+    BLUR_CONFIDENCE, BLUR_SHARE, PART, PART_ERRORS, SURE, SWAY, TEXTURED, UNIFORM,
 };
 use super::rectified::fitted;
 use super::table::Grade::{Levels, Note, Warning, Well};
@@ -19,10 +19,10 @@ use crate::estimation::facts::Origin;
 use crate::estimation::order::{Order, Signs};
 use crate::estimation::overview::LEAST_SIZE;
 use crate::estimation::photometry::{Contrast, Photometry};
-use crate::estimation::range::{LeftOut, SearchRange};
+use crate::estimation::range::{LEAST_CONFIDENCE, LeftOut, SearchRange};
 use crate::estimation::rows::RowOffsets;
 use crate::finding::{Finding, Topic};
-use crate::rectification::LONGEST;
+use crate::rectification::{TWIST, least_twist};
 use phasestereo_match::base::math;
 use phasestereo_match::pair::Pair;
 use phasestereo_match::pair::alignment::{Alignment, LINEAR, TERMS};
@@ -43,8 +43,6 @@ const ROW_ERRORS: [f64; 2] = [4.0, 5.0];
 /// The logarithm of the ratio of gray levels in dark areas to that in bright ones.
 const CURVES: [f64; 2] = [0.2, 0.6];
 const SIDES: [&str; 2] = ["left", "right"];
-/// The term of the field of rows that a camera has which is turned towards the other.
-const TWIST: usize = 3;
 
 const NEGATIVE: &str = "what is bright in one image is dark in the other";
 const ROWS_WELL: &str = "rows correspond as well as can be measured ({0})";
@@ -239,12 +237,10 @@ impl Known<'_> {
     }
 
     /// Whether rows differ as those of cameras that are turned towards each other by so much that disparities
-    /// are negative. A camera of focal length `f` that is turned moves columns by `s` and, at `(x, y)` from
-    /// its center, rows by `s x y / f^2`; images that are exchanged leave rows alone.
+    /// are negative.
     fn is_toed_in(&self, range: &SearchRange) -> bool {
         let Some(found) = &self.estimates.offsets else { return false };
-        let (rows, cols) = found.field.size();
-        let of_shift = -range.low * rows as f64 / (4.0 * LONGEST.powi(2) * cols as f64);
+        let of_shift = least_twist(range.low, found.field.size());
         found.field.coefficients()[TWIST] >= of_shift.max(ROW_ERRORS[1] * found.error)
     }
 

@@ -16,7 +16,7 @@ use crate::scales::choices::{BLANK, BLANK_DEPTH, BLANK_LEAST, DETAIL_RADIUS, SMO
 use crate::scales::flat_areas::{grown, shrunk};
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Result;
-use phasestereo_match::base::plane::Plane;
+use phasestereo_match::base::plane::{Plane, TASK_ROWS};
 use phasestereo_match::base::simd::{Level, leveled, whole};
 use phasestereo_match::image::window_sums::{Beyond, Windows};
 
@@ -26,8 +26,6 @@ const PARTS: i32 = 16;
 const MOST: i32 = 7000;
 const _: () =
     assert!((MOST as u64).pow(2) * ((2 * DETAIL_RADIUS + 1) as u64).pow(2) <= u32::MAX as u64);
-/// Rows that one task takes.
-const BAND: usize = 32;
 
 /// The detail around each pixel of an image.
 pub struct Detail {
@@ -45,7 +43,7 @@ impl Detail {
         let windows = |radius: usize| Windows { size, radius, beyond: Beyond::Nothing };
 
         let means = windows(SMOOTH_RADIUS);
-        let rest = Plane::by_bands(size, BAND, |first, band| {
+        let rest = Plane::by_bands(size, TASK_ROWS, |first, band| {
             control.checkpoint()?;
             let values = |y: usize| gray.row(y).iter().map(|gray| [*gray]);
             means.write((first, band), values, |_, _, [sum]: [i32; 1]| sum, level)?;
@@ -56,7 +54,7 @@ impl Detail {
         })?;
 
         let around = windows(DETAIL_RADIUS);
-        let squares = Plane::by_bands(size, BAND, |first, band| {
+        let squares = Plane::by_bands(size, TASK_ROWS, |first, band| {
             control.checkpoint()?;
             let values = |y: usize| rest.row(y).iter().map(|rest| [(rest * rest) as u32]);
             let mean =

@@ -13,7 +13,7 @@ use std::ops::Range;
 
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Result;
-use phasestereo_match::base::plane::Plane;
+use phasestereo_match::base::plane::{Plane, TASK_ROWS};
 use phasestereo_match::base::simd::{Level, leveled};
 use phasestereo_match::base::statistics::median;
 use phasestereo_match::image::regions::{Connectivity, Region, Regions, Run};
@@ -23,8 +23,6 @@ use phasestereo_match::image::window_sums::{Beyond, Windows};
 const LEAST_SHARE: f64 = 0.01;
 /// How far the window of the deviation reaches.
 const RADIUS: usize = 2;
-/// Rows in which one task takes the deviations.
-const BAND: usize = 32;
 /// Most bits of the magnitude of a gray value.
 const MOST_BITS: u32 = 15;
 /// Pixels of a row that are looked at together for whether all of them are marked.
@@ -92,7 +90,7 @@ fn flat(gray: &Plane<i32>, level: Level, control: &Control) -> Result<Plane<bool
     let windows = Windows { size: (rows, cols), radius: RADIUS, beyond: Beyond::Nothing };
     let moments = |y: usize| gray.row(y).iter().map(|gray| i64::from(*gray)).map(|g| [g, g * g]);
 
-    Plane::by_bands((rows, cols), BAND, |first, band| {
+    Plane::by_bands((rows, cols), TASK_ROWS, |first, band| {
         control.checkpoint()?;
         let is_flat = |y: usize, x: usize, [sum, squares]: [i64; 2]| {
             let count = i64::from(windows.pixels(y, x));

@@ -20,7 +20,7 @@
 
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Result;
-use phasestereo_match::base::plane::Plane;
+use phasestereo_match::base::plane::{Plane, TASK_ROWS};
 use phasestereo_match::base::simd::Level;
 use phasestereo_match::cost::Costs;
 use phasestereo_match::image::window_sums::{Beyond, Windows};
@@ -34,8 +34,6 @@ pub const DIFFERENT: f32 = 0.8;
 const RADIUS: usize = 7;
 /// Pixels by which a small area counts less.
 const FEW: f64 = 4.0;
-/// Rows that one task works on.
-const BAND: usize = 32;
 
 /// A pixel whose claim and own disparity differ.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -64,7 +62,7 @@ pub fn against(
     })?;
 
     let windows = Windows { size, radius: RADIUS, beyond: Beyond::Nothing };
-    Plane::by_bands(size, BAND, |first, band| {
+    Plane::by_bands(size, TASK_ROWS, |first, band| {
         control.checkpoint()?;
         let values = |y: usize| compared.row(y).iter().map(|one| one.by_side());
         let strength = |y: usize, x: usize, sums| strength(compared.row(y)[x].side, sums);

@@ -19,7 +19,7 @@
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::math::exp_single;
-use phasestereo_match::base::plane::Plane;
+use phasestereo_match::base::plane::{Plane, TASK_ROWS};
 use phasestereo_match::base::simd::{Level, whole};
 use phasestereo_match::image::window_sums::{Beyond, Windows};
 use phasestereo_match::matcher::Disparity;
@@ -40,8 +40,6 @@ const RADIUS: usize = 4;
 /// Steps of odds that are summed, and the largest ones: integers sum to the same in any order.
 const STEPS: f32 = 1024.0;
 const LARGEST: f32 = 10.0;
-/// Rows that one task works on.
-const BAND: usize = 32;
 /// Flags that hold of a claim, too: the right image does not see the pixel.
 const UNSEEN: u16 = flag::OUTSIDE | flag::MATCH_MASKED | flag::OCCLUDED;
 
@@ -66,7 +64,7 @@ pub fn fuse(
 ) -> Result<Disparity> {
     let size = (claims.rows(), claims.cols());
     let windows = Windows { size, radius: RADIUS, beyond: Beyond::Nothing };
-    let ahead = Plane::by_bands(size, BAND, |first, band| {
+    let ahead = Plane::by_bands(size, TASK_ROWS, |first, band| {
         control.checkpoint()?;
         let steps = |chance: &Chance| [whole(chance.ahead.clamp(-LARGEST, LARGEST) * STEPS)];
         let values = |y: usize| chances.row(y).iter().map(steps);

@@ -33,7 +33,7 @@ use crate::verification::{Counts, verdict};
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::math::ln;
-use phasestereo_match::base::plane::{Plane, zeroed};
+use phasestereo_match::base::plane::{Plane, TASK_ROWS, zeroed};
 use phasestereo_match::base::simd::Level;
 use phasestereo_match::image::window_sums::{Beyond, Windows};
 use phasestereo_match::matcher::Disparity;
@@ -60,8 +60,6 @@ const TRUST_RADIUS: usize = 4;
 const JUMP_RADIUS: usize = 3;
 /// Steps of a confidence that is summed.
 const STEPS: f32 = (1 << 20) as f32;
-/// Rows that one task works on.
-const BAND: usize = 32;
 
 /// All that verdicts depend on; planes of one size.
 #[derive(Debug, Clone, Copy)]
@@ -78,7 +76,7 @@ impl Test<'_> {
     /// The verdicts and their numbers, on the threads of the current pool.
     pub fn judge(&self, level: Level, control: &Control) -> Result<(Plane<u8>, Counts)> {
         let (rows, cols) = (self.map.rows(), self.map.cols());
-        let verdicts = Plane::by_bands((rows, cols), BAND, |first, band: &mut [u8]| {
+        let verdicts = Plane::by_bands((rows, cols), TASK_ROWS, |first, band: &mut [u8]| {
             control.checkpoint()?;
             let trust = self.trust(first..first + band.len() / cols, level)?;
             let mut nearest = zeroed(cols)?;

@@ -20,7 +20,7 @@
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::math::ln_single;
-use phasestereo_match::base::plane::Plane;
+use phasestereo_match::base::plane::{Plane, TASK_ROWS};
 use phasestereo_match::base::simd::{Level, leveled, whole};
 use phasestereo_match::image::texture::Roughness;
 use phasestereo_match::image::window_sums::{Beyond, Windows};
@@ -55,8 +55,6 @@ const NEAR: usize = 4;
 const FAR: usize = 15;
 /// The same of the windows in which ranges are looked for.
 const RANGE: usize = 3;
-/// Rows that one task works on.
-const BAND: usize = 32;
 /// Largest gap and range that count, pixels.
 const LARGEST: f32 = 20.0;
 /// The part of the mean difference of neighbors that is added before the logarithm is taken.
@@ -119,7 +117,7 @@ impl<'a> Traits<'a> {
 
         let size = (map.rows(), map.cols());
         let windows = |radius| Windows { size, radius, beyond: Beyond::Nothing };
-        let near = Plane::by_bands(size, BAND, |first, band| {
+        let near = Plane::by_bands(size, TASK_ROWS, |first, band| {
             control.checkpoint()?;
             let values = |y: usize| {
                 summed.row(y).iter().map(|one| [one.sure, one.agrees, one.claims, one.texture])
@@ -131,7 +129,7 @@ impl<'a> Traits<'a> {
             };
             windows(NEAR).write((first, band), values, traits, level)
         })?;
-        let far = Plane::by_bands(size, BAND, |first, band| {
+        let far = Plane::by_bands(size, TASK_ROWS, |first, band| {
             control.checkpoint()?;
             let values =
                 |y: usize| summed.row(y).iter().map(|one| [one.sure, one.agrees, one.claims]);

@@ -10,6 +10,10 @@ use rayon::prelude::*;
 use crate::base::control::Control;
 use crate::base::error::{Error, Result};
 
+/// Rows that one task works on: enough that the start of a task is little work, few enough that there are tasks
+/// for all threads.
+pub const TASK_ROWS: usize = 32;
+
 /// A rectangle of values, row-major and contiguous.
 #[derive(Clone, PartialEq, Eq)]
 pub struct Plane<T> {

@@ -56,6 +56,15 @@ pub fn deviation(errors: impl IntoIterator<Item = f64>) -> f64 {
     OF_MEDIAN * median(errors.into_iter().map(f64::abs)).unwrap_or(0.0)
 }
 
+/// Errors beyond this many robust standard deviations have no weight once a fit is near.
+const CUT: f64 = 4.0;
+
+/// The weight of the absolute value of an error in a robust fit with this robust standard deviation. That of
+/// absolute deviations leads near the solution from anywhere; the biweight then ignores outliers entirely.
+pub fn robust_weight(error: f64, deviation: f64, is_near: bool) -> f64 {
+    if is_near { biweight(error, CUT * deviation) } else { 1.0 / error.max(0.1 * deviation) }
+}
+
 /// Tukey's weight of an error: 1 of none, 0 from `cut` on (Beaton and Tukey, Technometrics 16, 1974).
 pub fn biweight(error: f64, cut: f64) -> f64 {
     (1.0 - (error / cut).powi(2)).max(0.0).powi(2)

@@ -2,7 +2,7 @@
 
 use super::bank::Side;
 use super::bins::SIDE;
-use super::rough::{GrayPlane, RoughMatch};
+use super::rough::RoughMatch;
 use super::spectrum::{BlockPlace, Cross, kernel};
 use super::taps::Taps;
 use phasestereo_match::base::control::Control;
@@ -19,21 +19,21 @@ const REGULAR: f32 = 1e-3;
 
 /// Adds the cross-spectra of blocks of the left image and of the right image warped to the left one.
 pub fn add_cross_spectra(
-    grays: &[GrayPlane; 2],
+    grays: &[Plane<f32>; 2],
     rough: &RoughMatch,
     places: &[BlockPlace],
     sums: &mut Cross,
     level: Level,
     control: &Control,
 ) -> Result<()> {
-    let warped = warped(&grays[1].plane, rough, control)?;
+    let warped = warped(&grays[1], rough, control)?;
 
     // In the warped image, the right block has the corner of the left one.
     let same_corner =
         |place: &BlockPlace| BlockPlace { right_top: place.top, right: place.left, ..*place };
     let places: Vec<BlockPlace> = places.iter().map(same_corner).collect();
 
-    sums.add_all([&grays[0].plane, &warped], &places, level, control)
+    sums.add_all([&grays[0], &warped], &places, level, control)
 }
 
 /// The kernel that turns the sharp image into the soft one, by regularized least squares: the sum of
@@ -109,7 +109,7 @@ fn cleaned(kernel: &Plane<f32>) -> Option<Taps> {
 mod tests {
     use super::super::taps::path;
     use super::*;
-    use crate::estimation::blur::rough::{Correspondence, RoughScale};
+    use crate::estimation::blur::rough::{Correspondence, RoughScale, grays};
     use phasestereo_match::base::plane::reflect;
     use phasestereo_match::image::pixels::{Image, Input};
     use phasestereo_match::matcher::{Execution, Matcher};
@@ -178,7 +178,7 @@ mod tests {
 
             let pair =
                 Pair::of_inputs([view(shots[0]), view(shots[1])], 0, 8).expect("a legal pair");
-            let grays = pair.views().map(|view| GrayPlane::new(view, &control).expect("memory"));
+            let grays = pair.views().map(|view| grays(view, &control).expect("memory"));
             let known = Correspondence { candidates: pair.candidates(), alignment: None };
 
             let rough = RoughMatch::new(&grays, known, scale, &matcher, execution, &control)

@@ -4,9 +4,10 @@ use std::borrow::Cow;
 use std::ops::Range;
 
 use super::bins::SIDE;
-use super::rough::{Correspondence, GrayPlane, RoughMatch, RoughScale};
+use super::rough::{Correspondence, RoughMatch, RoughScale, grays, has_contrast};
 use super::spectrum::BlockPlace;
 use phasestereo_match::base::error::Result;
+use phasestereo_match::base::plane::Plane;
 use phasestereo_match::base::platform::both;
 use phasestereo_match::matcher::runtime::Runtime;
 use phasestereo_match::pair::Pair;
@@ -25,7 +26,7 @@ pub struct Part<'a> {
     /// The rows.
     pub pair: Cow<'a, Pair>,
     /// Gray values of both images.
-    pub grays: [GrayPlane; 2],
+    pub grays: [Plane<f32>; 2],
 }
 
 /// All rows of a pair.
@@ -113,7 +114,7 @@ impl<'a> Part<'a> {
         pair: Cow<'a, Pair>,
         Runtime { control, .. }: Runtime,
     ) -> Result<Self> {
-        let grays = both(|side| GrayPlane::new(pair.views()[side], control))?;
+        let grays = both(|side| grays(pair.views()[side], control))?;
         Ok(Self { first, pair, grays })
     }
 
@@ -145,9 +146,9 @@ impl<'a> Part<'a> {
     ) -> Option<BlockPlace> {
         let place = rough.place(&self.pair, self.first - first, top - self.first, left)?;
 
-        let [left_shades, right_shades] = &self.grays;
-        let has_contrast = left_shades.has_contrast(place.top, place.left)
-            && right_shades.has_contrast(place.right_top, place.right);
+        let [left, right] = &self.grays;
+        let has_contrast = has_contrast(left, place.top, place.left)
+            && has_contrast(right, place.right_top, place.right);
 
         let right_top = place.right_top + self.first;
         has_contrast.then_some(BlockPlace { top, right_top, ..place })

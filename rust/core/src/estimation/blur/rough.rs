@@ -26,16 +26,9 @@ const REACH: f64 = 128.0;
 /// Side of the area about the center of a block whose median disparity the block takes, pixels.
 const CORE: usize = SIDE / 2;
 /// Of a block at most one pixel in this many may be masked.
-const MASKED_SHARE: usize = 10;
+pub const MASKED_SHARE: usize = 10;
 /// Steps of a row in which the offsets of a reduced image are rounded.
 const RAISED_STEPS: isize = 64;
-
-/// Gray values of an image, in one range for all types.
-#[derive(Debug)]
-pub struct GrayPlane {
-    /// Gray values around the middle of the image's range.
-    pub plane: Plane<f32>,
-}
 
 /// Number of gray values per unit of the pixels of a view.
 pub fn grays_per_unit(view: &View) -> f64 {
@@ -47,25 +40,22 @@ fn scale(view: &View) -> f64 {
     REACH / f64::from(view.scale().reach())
 }
 
-impl GrayPlane {
-    /// The gray values of a view; masked pixels take the values of valid neighbors.
-    pub fn new(view: &View, control: &Control) -> Result<Self> {
-        let scale = scale(view) as f32;
-        let plane = Plane::by_rows(view.size(), control, |y, row: &mut [f32]| {
-            let steps = view.gray().row(y).iter();
-            row.iter_mut().zip(steps).for_each(|(to, from)| *to = *from as f32 * scale);
-        })?;
+/// The gray values of a view around the middle of its range, in one range for all types; masked pixels take the
+/// values of valid neighbors.
+pub fn grays(view: &View, control: &Control) -> Result<Plane<f32>> {
+    let scale = scale(view) as f32;
+    Plane::by_rows(view.size(), control, |y, row: &mut [f32]| {
+        let steps = view.gray().row(y).iter();
+        row.iter_mut().zip(steps).for_each(|(to, from)| *to = *from as f32 * scale);
+    })
+}
 
-        Ok(Self { plane })
-    }
-
-    /// Whether the block with this corner has more than one value: without contrast there is no evidence of
-    /// blur.
-    pub fn has_contrast(&self, top: usize, left: usize) -> bool {
-        let mut values = (top..top + SIDE).flat_map(|y| &self.plane.row(y)[left..left + SIDE]);
-        let first = values.next().map(|value| value.to_bits());
-        values.any(|value| Some(value.to_bits()) != first)
-    }
+/// Whether the block of gray values with this corner has more than one: without contrast there is no evidence of
+/// blur.
+pub fn has_contrast(grays: &Plane<f32>, top: usize, left: usize) -> bool {
+    let mut values = (top..top + SIDE).flat_map(|y| &grays.row(y)[left..left + SIDE]);
+    let first = values.next().map(|value| value.to_bits());
+    values.any(|value| Some(value.to_bits()) != first)
 }
 
 /// Means over squares of `factor` pixels, a power of two; incomplete squares at the far ends are left out.
@@ -215,7 +205,7 @@ impl RoughMatch {
     /// Matches a pair reduced by a factor, on neighborhoods of a certain side: blur shrinks with the images,
     /// and larger neighborhoods tolerate what is left of it.
     pub fn new(
-        grays: &[GrayPlane; 2],
+        grays: &[Plane<f32>; 2],
         known: Correspondence,
         scale: RoughScale,
         matcher: &Matcher,
@@ -224,7 +214,7 @@ impl RoughMatch {
     ) -> Result<Self> {
         let Correspondence { candidates, alignment } = known;
         let factor = scale.factor;
-        let copy = |side: usize| reduced(&grays[side].plane, factor, execution.level, control);
+        let copy = |side: usize| reduced(&grays[side], factor, execution.level, control);
         let (left, right) = (copy(0)?, copy(1)?);
 
         // The reduced range holds the whole one.
@@ -378,7 +368,7 @@ mod tests {
         let execution = Execution { threads: 1, level: Level::best() };
         let control = Control::default();
         let matcher = Matcher::new(1).expect("a thread");
-        let grays = pair.views().map(|view| GrayPlane::new(view, &control).expect("memory"));
+        let grays = pair.views().map(|view| grays(view, &control).expect("memory"));
         let known = Correspondence { candidates: pair.candidates(), alignment: None };
 
         RoughMatch::new(
@@ -442,13 +432,12 @@ mod tests {
 
     #[test]
     fn one_value_all_over_is_no_contrast() {
-        let grays = |odd: usize| GrayPlane {
-            plane: Plane::from_fn(80, 80, |y, x| if y * 80 + x == odd { 1.0 } else { 7.0 }),
-        };
+        let plane =
+            |odd: usize| Plane::from_fn(80, 80, |y, x| if y * 80 + x == odd { 1.0 } else { 7.0 });
 
-        assert!(grays(79 * 80).has_contrast(16, 0), "the last row of the block");
-        assert!(!grays(79 * 80).has_contrast(15, 0), "the row below it");
-        assert!(grays(0).has_contrast(0, 0) && !grays(0).has_contrast(0, 1));
+        assert!(has_contrast(&plane(79 * 80), 16, 0), "the last row of the block");
+        assert!(!has_contrast(&plane(79 * 80), 15, 0), "the row below it");
+        assert!(has_contrast(&plane(0), 0, 0) && !has_contrast(&plane(0), 0, 1));
     }
 
     #[test]
@@ -462,7 +451,7 @@ mod tests {
         let planes = images.map(|(image, unit)| {
             let view = view_of_input(image.into()).expect("memory");
             assert!((grays_per_unit(&view) / unit - 1.0).abs() < 1e-9);
-            GrayPlane::new(&view, &Control::default()).expect("memory").plane
+            grays(&view, &Control::default()).expect("memory")
         });
 
         assert_eq!(planes[0], planes[1]);

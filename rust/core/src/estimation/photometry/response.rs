@@ -17,7 +17,7 @@ use super::LightScale;
 use crate::estimation::overview::{Overview, RoughMap};
 use phasestereo_match::base::linear::Normal;
 use phasestereo_match::base::math;
-use phasestereo_match::base::statistics::{biweight, deviation, median, ranked};
+use phasestereo_match::base::statistics::{deviation, median, ranked, robust_weight};
 
 /// Side of a cell, pixels of the copy. Of its rows, every other one is looked at.
 const CELL: usize = 4;
@@ -58,8 +58,6 @@ const STEPS: (usize, usize) = (30, 8);
 const LONGEST: f64 = 0.3;
 /// A change that is too small for another step.
 const SETTLED: f64 = 1e-5;
-/// Residuals beyond this many robust standard deviations have no weight.
-const CUT: f64 = 4.0;
 /// Fractions between which the typical gray level lies.
 const GRAYS: [f64; 2] = [0.02, 0.98];
 
@@ -256,10 +254,7 @@ fn change(windows: &[&WindowPair], (gain, gamma): (f64, f64), is_settled: bool) 
     // The normal equations of the derivatives by the logarithm of the gain and by gamma.
     let mut normal = Normal::new(2);
     for ((window, (mean, variance)), scaled) in windows.iter().zip(&fits).zip(scaled) {
-        let weight =
-            if is_settled { biweight(scaled, CUT * scale) } else { 1.0 / scaled.max(0.1 * scale) }
-                / variance;
-
+        let weight = robust_weight(scaled, scale, is_settled) / variance;
         normal.add(&[*mean, mean * window.log], window.left - mean, weight);
     }
 

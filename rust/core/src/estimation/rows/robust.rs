@@ -20,14 +20,12 @@ use std::array::from_fn;
 use crate::estimation::tracks::{BLOCK, Track};
 use phasestereo_match::base::linear::{Cholesky, Normal};
 use phasestereo_match::base::math;
-use phasestereo_match::base::statistics::{biweight, deviation};
+use phasestereo_match::base::statistics::{deviation, robust_weight};
 use phasestereo_match::pair::alignment::sway::{self, INTERVALS, KNOTS, mean_weights};
 use phasestereo_match::pair::alignment::{TERMS, places, terms};
 
 /// Reweightings, and how many of them are for absolute deviations.
 const STEPS: (usize, usize) = (20, 6);
-/// Residuals beyond this many robust standard deviations have no weight.
-const CUT: f64 = 4.0;
 /// Least robust standard deviation: no correlation is more exact, pixels.
 const FLOOR: f64 = 0.02;
 /// Largest ratio of the pivots of the normal equations: beyond it, the blocks lie along a line.
@@ -153,15 +151,8 @@ impl Model {
             let residuals: Vec<f64> = rows.iter().zip(points).map(residual).collect();
             spread = deviation(residuals.iter().copied()) + FLOOR;
 
-            // Absolute deviations lead near the solution from anywhere; the biweight then ignores outliers
-            // entirely.
             for ((weight, point), residual) in weights.iter_mut().zip(points).zip(&residuals) {
-                *weight = point.weight
-                    * if step < STEPS.1 {
-                        1.0 / residual.max(0.1 * spread)
-                    } else {
-                        biweight(*residual, CUT * spread)
-                    };
+                *weight = point.weight * robust_weight(*residual, spread, step >= STEPS.1);
             }
         }
 
