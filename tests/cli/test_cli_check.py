@@ -116,7 +116,7 @@ def test_blur_map_is_red_and_blue(run: Callable[..., Run]) -> None:
     [
         ("left.png", WRONG, "--layout: got None for left.png"),
         ("left.png right.png --jsn", WRONG, "--jsn"),
-        ("left.png right.png --blur-map map.pfm", WRONG, "--blur-map: got map.pfm; accepts a .png"),
+        ("left.png right.png --blur-map map.pfm", WRONG, "--blur-map: got map.pfm; accepts .png"),
         ("left.png right.png --blur-map right.png", WRONG, "right.png is an input"),
         ("left.png right.png --blur-map left.png/map.png", FAILED, "left.png: File exists"),
         ("left.png right.png --blur-map sub.png", FAILED, "sub.png exists and is not"),

@@ -18,9 +18,10 @@ from cyclopts import Parameter
 from numpy.typing import NDArray
 
 import phasestereo
-from phasestereo.cli.errors import UNTRUSTED, WRONG_USAGE, CommandError, claim, refusals
+from phasestereo.cli.errors import claim, refusals
 from phasestereo.cli.pairing import read_both
 from phasestereo.cli.terminal import print_json, print_lines
+from phasestereo.cli.trust import refuse_warnings
 from phasestereo.io import read_image, write_image
 from phasestereo.io.pair import Layout
 from phasestereo.matching import match
@@ -70,8 +71,7 @@ def check(
     strict
         Exit with 3 if there is a warning.
     """
-    if blur_map is not None:
-        _refuse_target(blur_map, (left, right))
+    claim([("blur_map", blur_map)], [left, right], {"blur_map": [".png"]})
     with refusals(options=("layout",)):
         if right is None or layout is not None:
             images = tuple(view.image for view in read_both(left, right, layout=layout))
@@ -90,9 +90,8 @@ def check(
         print_json({"version": phasestereo.__version__, **diagnosis.as_dict()})
     else:
         print_lines(str(diagnosis).splitlines())
-    grave = [found.sentence for found in diagnosis.findings if found.severity == "warning"]
-    if strict and grave:
-        raise CommandError(grave[0], UNTRUSTED)
+    if strict:
+        refuse_warnings(diagnosis.findings)
 
 
 def _failures(left: NDArray[Any], right: NDArray[Any]) -> list[Finding]:
@@ -117,13 +116,6 @@ def _reduced(image: NDArray[Any], factor: int) -> NDArray[Any]:
     blocks = whole.reshape(rows, factors[0], cols, factors[1], *image.shape[2:])
     mean = blocks.mean(axis=(1, 3), dtype=np.float64)
     return (mean if image.dtype.kind == "f" else np.rint(mean)).astype(image.dtype)
-
-
-def _refuse_target(path: Path, sources: tuple[Path | None, ...]) -> None:
-    """Refuse a file that is not a PNG, or that is read."""
-    if path.suffix.lower() != ".png":
-        raise CommandError(f"--blur-map: got {path}; accepts a .png file", WRONG_USAGE)
-    claim("blur_map", path, sources)
 
 
 def _picture(estimate: BlurEstimate | None, image: NDArray[Any]) -> NDArray[np.uint8]:

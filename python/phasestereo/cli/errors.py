@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from types import MappingProxyType
 
 from phasestereo.io.files import describe_error
 from phasestereo.io.image import is_picture
@@ -58,6 +59,11 @@ def option(argument: str) -> str:
     return "--" + argument.replace("_", "-")
 
 
+def wrong(argument: str, message: str) -> CommandError:
+    """Return the error of an argument whose value is wrong."""
+    return CommandError(f"{option(argument)}: {message}", WRONG_USAGE)
+
+
 def refuse_picture(argument: str, path: str | Path) -> None:
     """Refuse a picture where a calibration is wanted; its reader refuses what is not a file at all.
 
@@ -67,27 +73,44 @@ def refuse_picture(argument: str, path: str | Path) -> None:
         If it is one.
     """
     if Path(path).is_file() and is_picture(path):
-        raise CommandError(
-            f"{option(argument)}: got {path}, which is a picture; accepts a file of numbers",
-            WRONG_USAGE,
-        )
+        raise wrong(argument, f"got {path}, which is a picture; accepts a file of numbers")
 
 
-def claim(argument: str, path: Path, taken: Iterable[Path | None]) -> None:
-    """Refuse to write a file that is read, or that another option writes; make its folder.
+def claim(
+    targets: Iterable[tuple[str, Path | None]],
+    sources: Iterable[Path | None],
+    suffixes: Mapping[str, Sequence[str]] = MappingProxyType({}),
+) -> list[Path]:
+    """Return the files to write, their folders being made; refuse those that are read.
+
+    Parameters
+    ----------
+    targets
+        Each with its argument; None: not wanted.
+    sources
+        The files that are read.
+    suffixes
+        Those of an argument's file, of arguments that do not accept all.
 
     Raises
     ------
     CommandError
-        If it is one of these, or its folder cannot be made.
+        If one is read, given twice or of another kind, or its folder cannot be made.
     """
-    if any(_is_same(path, other) for other in taken if other):
-        raise CommandError(
-            f"{option(argument)}: {path} is an input or another output; accepts a file of its own",
-            WRONG_USAGE,
-        )
-    with refusals():
-        path.parent.mkdir(parents=True, exist_ok=True)
+    taken = [path for path in sources if path]
+    files = [(argument, path) for argument, path in targets if path is not None]
+    for argument, path in files:
+        if any(_is_same(path, other) for other in taken):
+            raise wrong(
+                argument, f"{path} is an input or another output; accepts a file of its own"
+            )
+        accepted = suffixes.get(argument, (path.suffix.lower(),))
+        if path.suffix.lower() not in accepted:
+            raise wrong(argument, f"got {path}; accepts {', '.join(accepted)}")
+        taken.append(path)
+        with refusals():
+            path.parent.mkdir(parents=True, exist_ok=True)
+    return [path for _, path in files]
 
 
 def _is_same(path: Path, other: Path) -> bool:

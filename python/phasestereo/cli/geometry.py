@@ -11,7 +11,7 @@ from typing import Annotated, Any
 from cyclopts import Parameter, Token, validators
 from numpy.typing import NDArray
 
-from phasestereo.cli.errors import WRONG_USAGE, CommandError, option, refuse_picture
+from phasestereo.cli.errors import WRONG_USAGE, CommandError, option, refuse_picture, wrong
 from phasestereo.cli.options import AT_LEAST_ONE, POSITIVE
 from phasestereo.cli.terminal import say
 from phasestereo.io import Calibration, LengthUnit
@@ -141,20 +141,20 @@ class GeometryOptions:
         sources = [name for name in ("calib", "focal") if name in given]
 
         if given and not wanted:
-            raise _wrong(given[0], "has no effect without --ply, --mesh, --depth or --report")
+            raise wrong(given[0], "has no effect without --ply, --mesh, --depth or --report")
         if len(sources) > 1:
-            raise _wrong(sources[1], f"got {option(sources[0])}, too; accepts one geometry")
+            raise wrong(sources[1], f"got {option(sources[0])}, too; accepts one geometry")
 
         for name in given:
             if name in _WITH_FOCAL and (self.baseline is None or sources not in ([], ["focal"])):
-                raise _wrong(name, "has no effect without --focal")
+                raise wrong(name, "has no effect without --focal")
         if "focal" in sources and self.baseline is None:
-            raise _wrong("focal", "needs --baseline, the distance of the cameras")
+            raise wrong("focal", "needs --baseline, the distance of the cameras")
 
         if self.register_size and not self.register:
-            raise _wrong("register_size", "has no effect without --register")
+            raise wrong("register_size", "has no effect without --register")
         if len(self.calib) > 2:
-            raise _wrong("calib", f"got {len(self.calib)} files; accepts one, or left and right")
+            raise wrong("calib", f"got {len(self.calib)} files; accepts one, or left and right")
         files: dict[str, Sequence[str | Path]] = {"register": self.register, "calib": self.calib}
         for name, paths in files.items():
             for path in paths:
@@ -191,11 +191,11 @@ class GeometryOptions:
         if calibration is None:
             for name in (*_EXACTNESS, "decimate", "depth_scale", "register"):
                 if getattr(self, name) not in (None, ()):
-                    raise _wrong(name, "has no effect without a geometry, as --calib gives it")
+                    raise wrong(name, "has no effect without a geometry, as --calib gives it")
             return None
 
         if calibration.unit == "m" and self.unit not in (None, "m"):
-            raise _wrong("unit", f"got {self.unit}; accepts m, which the calibration is read in")
+            raise wrong("unit", f"got {self.unit}; accepts m, which the calibration is read in")
         calibration = replace(calibration, unit=self.unit or calibration.unit)
         if self.anchor is not None:
             try:
@@ -221,7 +221,7 @@ class GeometryOptions:
             If the range of depths is empty, or an image is smaller than a block.
         """
         if size is not None and self.decimate is not None and self.decimate > min(size[:2]):
-            raise _wrong("decimate", f"got {self.decimate}; accepts 1 to {min(size[:2])}")
+            raise wrong("decimate", f"got {self.decimate}; accepts 1 to {min(size[:2])}")
         try:
             return Selection(
                 keep=self.keep or "trusted",
@@ -241,7 +241,7 @@ class GeometryOptions:
         if self.baseline is None:
             return None
         if focal is None:
-            raise _wrong("baseline", "has no effect without --focal")
+            raise wrong("baseline", "has no effect without --focal")
         return Calibration.from_focal(
             focal,
             self.baseline,
@@ -299,7 +299,7 @@ class Rig:
         nearest = self.calibration.depth(largest + 1).item()
         limit = self.selection.max_depth
         if limit is not None and nearest > limit:
-            raise _wrong(
+            raise wrong(
                 "max_depth",
                 f"got {limit:g}; with disparities up to {largest} nothing is nearer than "
                 f"{nearest:g}: it is in the unit of the baseline",
@@ -365,7 +365,3 @@ class Rig:
         return replace(
             self, calibration=small, selection=Selection(keep="all"), anchor=None, camera=None
         )
-
-
-def _wrong(name: str, message: str) -> CommandError:
-    return CommandError(f"{option(name)}: {message}", WRONG_USAGE)

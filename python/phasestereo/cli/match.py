@@ -8,7 +8,7 @@ from typing import Annotated
 
 from cyclopts import Group, Parameter
 
-from phasestereo.cli.errors import WRONG_USAGE, CommandError, refusals
+from phasestereo.cli.errors import refusals, wrong
 from phasestereo.cli.geometry import GeometryOptions
 from phasestereo.cli.options import (
     AT_LEAST_ONE,
@@ -135,10 +135,7 @@ def match(
         if rectified is not None:
             vertical = rectified.vertical if pairing.vertical is None else pairing.vertical
         if vertical and outputs.report:
-            raise CommandError(
-                "--report: got cameras one above the other; accepts cameras side by side",
-                WRONG_USAGE,
-            )
+            raise wrong("report", "got cameras one above the other; accepts cameras side by side")
         rig = geometry.read(images[0].shape[:2], rectified, views[0].focal)
 
         num_disparities = num_disparities or (None if rig is None else rig.calibration.ndisp)

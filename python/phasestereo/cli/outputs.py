@@ -101,11 +101,10 @@ class Outputs:
             If a file is a source, given twice, a folder, in a folder that cannot be written to, or
             in a format that does not hold all of the disparities.
         """
-        taken = [source for source in sources if source]
-        for name, path, write in self._files():
-            claim(name, path, taken)
+        files = self._files()
+        claim([(name, path) for name, path, _ in files], sources)
+        for name, path, write in files:
             _rehearse(name, path, write, rehearsal)
-            taken.append(path)
 
     def write(self, outcome: Outcome) -> dict[str, str]:
         """Write what was asked for; return the paths by option."""

@@ -12,7 +12,7 @@ from cyclopts import Parameter
 from numpy.typing import NDArray
 
 from phasestereo._images import join_masks
-from phasestereo.cli.errors import WRONG_USAGE, CommandError, refuse_picture
+from phasestereo.cli.errors import refuse_picture, wrong
 from phasestereo.io.pair import Layout, read_photograph
 from phasestereo.io.views import View, read_views
 from phasestereo.rectification import Rectification, rectify
@@ -96,10 +96,7 @@ def as_calibration(names: Sequence[str]) -> Sequence[str] | None:
 
     if AUTO in names or len(names) > 2:
         given = " ".join(names)
-        raise CommandError(
-            f"--rectify: got {given}; accepts auto, a file, or the files of both cameras",
-            WRONG_USAGE,
-        )
+        raise wrong("rectify", f"got {given}; accepts auto, a file, or the files of both cameras")
 
     for name in names:
         refuse_picture("rectify", name)
@@ -116,11 +113,11 @@ def read_both(
     """Read both views, from two files or from one."""
     if right is not None:
         if layout is not None:
-            raise CommandError("--layout: has no effect beside RIGHT", WRONG_USAGE)
+            raise wrong("layout", "has no effect beside RIGHT")
         return read_views(left, right, bands)
 
     if bands is not None:
-        raise CommandError("--bands: has no effect without RIGHT", WRONG_USAGE)
+        raise wrong("bands", "has no effect without RIGHT")
 
     found = read_photograph(left, layout)
     return View(found.left, focal=found.focal), View(found.right, focal=found.focal)

@@ -66,10 +66,9 @@ def prepare(
     as_json
         Print one JSON object on standard output: done, num_disparities, findings, files.
     """
-    files = [*(output or ()), *([] if back is None else [back])]
-    if not files and not as_json:
+    if not (output or back or as_json):
         raise CommandError("nothing to do: give -o LEFT RIGHT, --back or --json", WRONG_USAGE)
-    _claim([left, right], output, back)
+    files = claim([*(("output", path) for path in output or ()), ("back", back)], [left, right])
 
     options = {"max_disparity", "num_disparities", "min_disparity", "threads"}
     with refusals(options=options), unwarned():
@@ -132,16 +131,9 @@ def restore(
         What 1 stands for: pixels, or sixteenths of a pixel as OpenCV's matchers return them, of
         which negative ones are missing.
     """
-    claim("output", output, [disparity, back])
+    claim([("output", output)], [disparity, back])
     with refusals():
         found = Restoration.load(back).restore(read_disparity(disparity), unit=unit)
         write_disparity(output, found)
     known = float(np.isfinite(found).mean())
     print_lines([f"{known:.1%} of the pixels have a disparity"])
-
-
-def _claim(taken: list[Path], output: tuple[Path, Path] | None, back: Path | None) -> None:
-    targets = [("output", path) for path in output or ()]
-    for name, path in [*targets, *([] if back is None else [("back", back)])]:
-        claim(name, path, taken)
-        taken.append(path)

@@ -9,7 +9,7 @@ import numpy as np
 from cyclopts import Parameter, validators
 
 import phasestereo
-from phasestereo.cli.errors import WRONG_USAGE, CommandError, claim, refusals, refuse_picture
+from phasestereo.cli.errors import WRONG_USAGE, CommandError, claim, refusals, refuse_picture, wrong
 from phasestereo.cli.pairing import read_both
 from phasestereo.cli.terminal import print_json, print_lines
 from phasestereo.io import write_image
@@ -79,17 +79,21 @@ def rectify(
     if not (output or save or as_json):
         raise CommandError("nothing to do: give -o LEFT RIGHT, --save or --json", WRONG_USAGE)
     if masks and not output:
-        raise CommandError("--masks: has no effect without --output", WRONG_USAGE)
+        raise wrong("masks", "has no effect without --output")
     if len(images_from) % 2:
-        raise CommandError("--images-from: accepts pairs of files, left and right", WRONG_USAGE)
+        raise wrong("images_from", "accepts pairs of files, left and right")
     if images_from and calibration:
-        raise CommandError("--images-from: has no effect beside --calibration", WRONG_USAGE)
+        raise wrong("images_from", "has no effect beside --calibration")
     for path in calibration:
         refuse_picture("calibration", path)
 
-    targets = _targets(output, masks, save)
-    sources = [left, *([] if right is None else [right]), *calibration, *images_from]
-    _check_targets(targets, sources)
+    targets = [
+        *(("output", path) for path in output or ()),
+        *(("masks", path) for path in masks or ()),
+        ("save", save),
+    ]
+    sources = [left, right, *calibration, *images_from]
+    files = [str(path) for path in claim(targets, sources, {"save": [".npz"]})]
 
     with refusals(options=_OPTIONS):
         views = read_both(left, right, layout=layout)
@@ -108,29 +112,10 @@ def rectify(
     with refusals():
         _write(found, output, masks, save)
 
-    files = [str(path) for _, path in targets]
     if as_json:
         print_json(_as_dict(found, files))
     else:
         print_lines([*found.sentences, *(f"wrote {path}" for path in files)])
-
-
-def _targets(
-    output: tuple[Path, Path] | None, masks: tuple[Path, Path] | None, save: Path | None
-) -> list[tuple[str, Path]]:
-    """Return the files to write, each with its option."""
-    pairs = [("output", path) for path in output or ()] + [("masks", path) for path in masks or ()]
-    return pairs + ([] if save is None else [("save", save)])
-
-
-def _check_targets(targets: list[tuple[str, Path]], sources: list[Path]) -> None:
-    """Refuse files that are read, given twice, or of a format that does not hold them."""
-    taken = list(sources)
-    for name, path in targets:
-        claim(name, path, taken)
-        if name == "save" and path.suffix.lower() != ".npz":
-            raise CommandError(f"--save: got {path}; accepts a .npz file", WRONG_USAGE)
-        taken.append(path)
 
 
 def _write(

@@ -11,7 +11,7 @@ from cyclopts import Parameter, validators
 from numpy.typing import NDArray
 
 from phasestereo._images import Map
-from phasestereo.cli.errors import WRONG_USAGE, CommandError, option
+from phasestereo.cli.errors import option, wrong
 from phasestereo.io import read_disparity, read_truth
 from phasestereo.io.mask import read_mask
 from phasestereo.metrics import Score, bad_pixels, score
@@ -48,8 +48,7 @@ class Scoring:
         for field in fields(self):
             other = needed.get(field.name, "truth")
             if getattr(self, field.name) is not None and getattr(self, other) is None:
-                message = f"{option(field.name)}: has no effect without {option(other)}"
-                raise CommandError(message, WRONG_USAGE)
+                raise wrong(field.name, f"has no effect without {option(other)}")
 
     def sources(self) -> list[Path | None]:
         """Return the files that are read."""

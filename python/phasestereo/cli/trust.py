@@ -15,6 +15,19 @@ def show_findings(found: Iterable[Finding]) -> None:
         say(f"{one.severity}: {one.sentence}")
 
 
+def refuse_warnings(found: Iterable[Finding]) -> None:
+    """End with the exit code of what is not to be trusted, and with the first warning, if any.
+
+    Raises
+    ------
+    CommandError
+        If there is one.
+    """
+    for one in found:
+        if one.severity == "warning":
+            raise CommandError(one.sentence, UNTRUSTED)
+
+
 def refuse_untrusted(found: Iterable[Finding]) -> None:
     """End with the exit code of what is not to be trusted, if anything says so.
 

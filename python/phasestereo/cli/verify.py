@@ -10,20 +10,17 @@ from typing import Annotated, Any
 from cyclopts import Parameter
 
 import phasestereo
-from phasestereo.cli.errors import (
-    UNTRUSTED,
-    WRONG_USAGE,
-    CommandError,
-    claim,
-    option,
-    refusals,
-)
+from phasestereo.cli.errors import claim, refusals
 from phasestereo.cli.terminal import print_json, print_lines, progress_bar
+from phasestereo.cli.trust import refuse_warnings
 from phasestereo.io import read_disparity, read_image, write_disparity, write_image
 from phasestereo.verification import Verification, verify as verify_map
 
-_MAPS = frozenset([".pfm", ".npy", ".tif", ".tiff"])
-_PICTURES = frozenset([".png"])
+_SUFFIXES = {
+    "picture": [".png"],
+    "better": [".npy", ".pfm", ".tif", ".tiff"],
+    "verdict": [".png"],
+}
 
 
 def verify(
@@ -74,7 +71,7 @@ def verify(
         Exit with 3 if there is a warning; files are written all the same.
     """
     files = {"picture": picture, "better": better, "verdict": verdict}
-    _check_targets(files, [left, right, disparity])
+    claim(files.items(), [left, right, disparity], _SUFFIXES)
 
     with refusals():
         images, claims = (read_image(left), read_image(right)), read_disparity(disparity)
@@ -89,23 +86,8 @@ def verify(
     else:
         print_lines(str(found).splitlines())
 
-    grave = [each.sentence for each in found.findings if each.severity == "warning"]
-    if strict and grave:
-        raise CommandError(grave[0], UNTRUSTED)
-
-
-def _check_targets(files: dict[str, Path | None], taken: list[Path]) -> None:
-    """Refuse files of other formats, and those that are read or written already."""
-    for name, path in files.items():
-        if path is None:
-            continue
-
-        accepted = _MAPS if name == "better" else _PICTURES
-        if path.suffix.lower() not in accepted:
-            named = ", ".join(sorted(accepted))
-            raise CommandError(f"{option(name)}: got {path}; accepts {named}", WRONG_USAGE)
-        claim(name, path, taken)
-        taken.append(path)
+    if strict:
+        refuse_warnings(found.findings)
 
 
 def _write(found: Verification, files: dict[str, Path | None]) -> None:

@@ -11,7 +11,7 @@ from cyclopts import Group, Parameter
 from numpy.typing import NDArray
 
 from phasestereo._images import Mask
-from phasestereo.cli.errors import WRONG_USAGE, CommandError, claim, refusals
+from phasestereo.cli.errors import claim, refusals, wrong
 from phasestereo.cli.options import PRESET_HELP, REASONABLE, SETTINGS_HELP, Overrides
 from phasestereo.cli.trust import show_findings
 from phasestereo.matching import match
@@ -65,7 +65,7 @@ def asp(
     threads
         Number of threads; without it, one per processor.
     """
-    claim("output", output, [left, right])
+    claim([("output", output)], [left, right])
     with refusals(options=_OPTIONS), unwarned():
         settings = resolve(preset, None, _UNASKED | (overrides or {}))
         low, count = _range(minimum, maximum)
@@ -93,10 +93,10 @@ def _range(minimum: int | None, maximum: int | None) -> tuple[int, int | None]:
     if minimum is None and maximum is None:
         return 0, None
     if minimum is None or maximum is None or minimum > maximum:
-        raise CommandError(
-            f"--minimum: got {minimum} with --maximum {maximum}; accepts both, the smaller one "
-            "first, or neither",
-            WRONG_USAGE,
+        raise wrong(
+            "minimum",
+            f"got {minimum} with --maximum {maximum}; accepts both, the smaller one first, "
+            "or neither",
         )
     return -maximum, maximum - minimum + 1
 

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 from cyclopts import Group, Parameter
 
 import phasestereo
-from phasestereo.cli.errors import WRONG_USAGE, CommandError, refusals
+from phasestereo.cli.errors import CommandError, refusals, wrong
 from phasestereo.cli.options import (
     AT_LEAST_ONE,
     NOT_NEGATIVE,
@@ -117,7 +117,7 @@ def batch(
         Seconds that a pair may take; without it, any number.
     """
     if (tls_ca or tls_cert or tls_key) and scheduler is None:
-        raise CommandError("--tls-ca: has no effect without --scheduler", WRONG_USAGE)
+        raise wrong("tls_ca", "has no effect without --scheduler")
 
     with refusals(options=_OPTIONS):
         settings = resolve(preset, None, overrides or {})
@@ -159,7 +159,7 @@ def _security(ca: Path | None, cert: Path | None, key: Path | None) -> Any:
     if not (ca or cert or key):
         return None
     if ca is None or cert is None or key is None:
-        raise CommandError("--tls-ca: needs --tls-cert and --tls-key, and they it", WRONG_USAGE)
+        raise wrong("tls_ca", "needs --tls-cert and --tls-key, and they it")
     return encryption(ca, cert, key)
 
 

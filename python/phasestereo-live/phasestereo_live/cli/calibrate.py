@@ -11,7 +11,7 @@ from cyclopts import Parameter, Token
 
 import phasestereo
 from phasestereo._extras import require
-from phasestereo.cli.errors import WRONG_USAGE, CommandError, claim, refusals
+from phasestereo.cli.errors import claim, refusals
 from phasestereo.cli.terminal import print_json, print_lines
 from phasestereo.io.files import target_of
 from phasestereo.io.pair import Layout
@@ -19,6 +19,7 @@ from phasestereo_live.calibration import StereoCalibration, calibrate as calibra
 from phasestereo_live.calibration.page import distances_of, write_calibration_page
 
 _METERS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254}
+_SUFFIXES = {"output": [".yaml", ".yml", ".xml"], "page": [".html", ".htm"]}
 _OPTIONS = frozenset(["board", "square", "charuco", "marker", "layout"])
 
 
@@ -84,17 +85,11 @@ def calibrate(
     as_json
         Print one JSON object on standard output.
     """
-    taken: list[Path | None] = [left, right]
-    for name, path in (("output", output), ("page", page)):
-        if path is not None:
-            claim(name, path, taken)
-            taken.append(path)
-    _check_suffixes(output, page)
+    files = claim([("output", output), ("page", page)], [left, right], _SUFFIXES)
 
     with refusals(options=_OPTIONS):
-        for path in (output, page):
-            if path is not None:
-                target_of(path)  # before all pictures are looked at
+        for path in files:
+            target_of(path)  # before all pictures are looked at
         if page is not None:
             require("jinja2", extra="report")
         found = calibrate_pair(
@@ -107,7 +102,6 @@ def calibrate(
             layout=layout,
         )
 
-    files = [path for path in (output, page) if path is not None]
     with refusals():
         if output is not None:
             found.save(output)
@@ -117,16 +111,6 @@ def calibrate(
         print_json(_as_dict(found, files))
     else:
         print_lines([*_sentences(found), *(f"wrote {path}" for path in files)])
-
-
-def _check_suffixes(output: Path | None, page: Path | None) -> None:
-    for name, path, allowed in (
-        ("output", output, (".yaml", ".yml", ".xml")),
-        ("page", page, (".html", ".htm")),
-    ):
-        if path is not None and path.suffix.lower() not in allowed:
-            words = ", ".join(allowed)
-            raise CommandError(f"--{name}: got {path}; accepts {words}", WRONG_USAGE)
 
 
 def _sentences(found: StereoCalibration) -> Iterator[str]:

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 from cyclopts import Group, Parameter
 
 from phasestereo._interrupts import interrupts_postponed
-from phasestereo.cli.errors import WRONG_USAGE, CommandError, refusals
+from phasestereo.cli.errors import WRONG_USAGE, CommandError, refusals, wrong
 from phasestereo.cli.options import (
     AT_LEAST_ONE,
     NOT_NEGATIVE,
@@ -160,7 +160,7 @@ def live(
     shown = showing.is_wanted(alone=not outputs.asked_for())
     recorded = topics.check(places)
     if outputs.recording is not None and recorded is None:
-        raise CommandError("--output: a recording is written of a recording", WRONG_USAGE)
+        raise wrong("output", "a recording is written of a recording")
 
     with refusals(options=_OPTIONS):
         masks = read_mask(left_mask), read_mask(right_mask)
@@ -319,10 +319,10 @@ def _places(source: str | None, right: str | None, cameras: tuple[int, ...]) -> 
     """Return the source for `stream`, and the right view if it is separate."""
     if cameras:
         if source is not None:
-            raise CommandError("--cameras: got SOURCE as well; accepts one of both", WRONG_USAGE)
+            raise wrong("cameras", "got SOURCE as well; accepts one of both")
         if len(cameras) > 2 or min(cameras) < 0:
             got = " ".join(map(str, cameras))
-            raise CommandError(f"--cameras: got {got}; accepts one or two numbers", WRONG_USAGE)
+            raise wrong("cameras", f"got {got}; accepts one or two numbers")
         return cameras
 
     if source is None:

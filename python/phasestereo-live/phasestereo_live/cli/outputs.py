@@ -23,6 +23,7 @@ from phasestereo.cli.errors import (
     option,
     refusals,
     refuse_picture,
+    wrong,
 )
 from phasestereo.cli.options import AT_LEAST_ONE, POSITIVE
 from phasestereo.io import Calibration, LengthUnit, write_disparity
@@ -140,16 +141,12 @@ class LiveOutputs:
         )
         for name, used, by in needs:
             if getattr(self, name) is not None and not used:
-                message = f"{option(name)}: has no effect without {by}"
-                raise CommandError(message, WRONG_USAGE)
+                raise wrong(name, f"has no effect without {by}")
         if self.calib is not None:
             refuse_picture("calib", self.calib)
 
         sources = list(sources)
-        for name, path in (("output", self.output), ("rerun", self.rerun)):
-            if path is not None:
-                claim(name, path, sources)
-
+        claim([("output", self.output), ("rerun", self.rerun)], sources)
         self._try(sources, disparities)
 
     def _try(self, sources: list[Path], disparities: tuple[int, int]) -> None:
@@ -315,12 +312,13 @@ def _check_frames(pattern: str, sources: list[Path], disparities: tuple[int, int
     except (TypeError, ValueError):
         distinct = False
     if not distinct:
-        message = f"--frames: got {pattern}; accepts a name with one number, such as maps/%06d.pfm"
-        raise CommandError(message, WRONG_USAGE)
+        raise wrong(
+            "frames", f"got {pattern}; accepts a name with one number, such as maps/%06d.pfm"
+        )
 
     folder = Path(pattern % 0).parent
     if os.path.realpath(folder) in {os.path.realpath(source) for source in sources}:
-        raise CommandError(f"--frames: {folder} holds the images", WRONG_USAGE)
+        raise wrong("frames", f"{folder} holds the images")
 
     folder.mkdir(parents=True, exist_ok=True)
 

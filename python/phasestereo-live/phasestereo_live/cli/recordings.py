@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
-from phasestereo.cli.errors import WRONG_USAGE, CommandError, option
+from phasestereo.cli.errors import wrong
 from phasestereo.cli.options import NOT_NEGATIVE
 from phasestereo.io import Calibration
 from phasestereo.views.depths import Selection
@@ -64,8 +64,7 @@ class Topics:
 
         for name in ("left", "right", "camera_info", "register", "tolerance"):
             if path is None and getattr(self, name) is not None:
-                message = f"{option(name)}: has no effect without a recording (.mcap, .db3, .bag)"
-                raise CommandError(message, WRONG_USAGE)
+                raise wrong(name, "has no effect without a recording (.mcap, .db3, .bag)")
         return path
 
     def open(self, path: Path) -> Recording:
@@ -113,13 +112,13 @@ class Messages:
         """
         for name in ("messages", "depth_encoding"):
             if getattr(self, name) and not wanted:
-                message = f"{option(name)}: has no effect without -o of a recording"
-                raise CommandError(message, WRONG_USAGE)
+                raise wrong(name, "has no effect without -o of a recording")
 
         for kind in self.messages:
             if kind in GEOMETRIC and not known:
-                message = f"--messages: {kind} needs camera_info, or --rectify with a calibration"
-                raise CommandError(message, WRONG_USAGE)
+                raise wrong(
+                    "messages", f"{kind} needs camera_info, or --rectify with a calibration"
+                )
 
     def sink(
         self,

@@ -94,8 +94,7 @@ def rig_test(
     """
     has_frames = right is not None or frames.is_dir()
     wall.check(focal=focal, rectify=rectify, has_frames=has_frames)
-    if save is not None:
-        claim("save", save, [frames, right, rectify])
+    claim([("save", save)], [frames, right, rectify])
     with refusals(options=_OPTIONS):
         if save is not None:
             target_of(save)

@@ -14,7 +14,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from phasestereo.cli.errors import WRONG_USAGE, CommandError, refusals
+from phasestereo.cli.errors import refusals, wrong
 from phasestereo.cli.terminal import say
 from phasestereo.io import Calibration
 from phasestereo.settings import Settings
@@ -56,7 +56,7 @@ class ViewOptions:
         """
         shown = self.show or alone
         if self.save_to is not None and not shown:
-            raise CommandError("--save-to: has no effect without --show", WRONG_USAGE)
+            raise wrong("save_to", "has no effect without --show")
         if self.save_to is not None:
             with refusals():
                 self.save_to.mkdir(parents=True, exist_ok=True)

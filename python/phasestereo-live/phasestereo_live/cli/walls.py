@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter, Token
 
-from phasestereo.cli.errors import WRONG_USAGE, CommandError, option
+from phasestereo.cli.errors import wrong
 from phasestereo.cli.options import POSITIVE
 from phasestereo.io import Calibration, LengthUnit
 from phasestereo.io.depth import meters_in
@@ -58,15 +58,15 @@ class WallOptions:
         if self.wall is None:
             for name in ("baseline", "unit"):
                 if getattr(self, name) is not None:
-                    raise _wrong(name, "has no effect without --wall")
+                    raise wrong(name, "has no effect without --wall")
             return
 
         if not has_frames:
-            raise _wrong("wall", "got a saved rig; accepts a folder of frames")
+            raise wrong("wall", "got a saved rig; accepts a folder of frames")
         if rectify is None and (focal is None or self.baseline is None):
-            raise _wrong("wall", "needs --rectify, or --focal and --baseline")
+            raise wrong("wall", "needs --rectify, or --focal and --baseline")
         if rectify is not None and self.baseline is not None:
-            raise _wrong("baseline", "has no effect beside --rectify")
+            raise wrong("baseline", "has no effect beside --rectify")
 
     def test(
         self, size: tuple[int, ...], focal: float | None, found: Rectification | None
@@ -78,7 +78,7 @@ class WallOptions:
         height, width = size
         if found is not None:
             if found.calibration is None:
-                raise _wrong("wall", "needs a calibration that has lengths")
+                raise wrong("wall", "needs a calibration that has lengths")
             calibration = found.calibration
         else:
             assert focal is not None  # noqa: S101 -- of this and the next line: as checked
@@ -89,7 +89,7 @@ class WallOptions:
         own = self.unit or calibration.unit
         if unit is not None:
             if own is None:
-                raise _wrong("wall", f"got {distance:g}{unit}; needs --unit, that of the baseline")
+                raise wrong("wall", f"got {distance:g}{unit}; needs --unit, that of the baseline")
             distance *= meters_in(unit) / meters_in(own)
         return Wall(distance, calibration, unit=own or "")
 
@@ -100,7 +100,3 @@ class WallOptions:
             {name: limit for name, limit in limits.items() if name not in own},
             {name: limit for name, limit in limits.items() if name in own},
         )
-
-
-def _wrong(name: str, message: str) -> CommandError:
-    return CommandError(f"{option(name)}: {message}", WRONG_USAGE)
