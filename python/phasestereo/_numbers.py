@@ -3,13 +3,25 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from numbers import Integral, Real
 from typing import Any
 
 import numpy as np
 
 _PRINTED_BITS = 64
+
+
+def accept(name: str, value: object, known: Collection[str]) -> None:
+    """Refuse an argument that is not one of the known words.
+
+    Raises
+    ------
+    ValueError
+        If so.
+    """
+    if value not in known:
+        raise ValueError(f"{name}: got {value!r}; accepts {', '.join(map(repr, known))}")
 
 
 def as_integer(

@@ -760,7 +760,7 @@ def test_a_folder_is_for_one_run_at_a_time(
 @pytest.mark.parametrize(
     ("error", "message", "options"),
     [
-        (ValueError, r"^suffix: got '.png'; accepts .pfm", {"suffix": ".png"}),
+        (ValueError, r"^suffix: got '.png'; accepts '.pfm", {"suffix": ".png"}),
         (ValueError, r"^layers: got 'blur'; accepts flags, confidence, unc", {"layers": ["blur"]}),
         (ValueError, r"^layers: got 'confidence' with settings", {"layers": ["confidence"]}),
         (ValueError, r"^retries: got -1; accepts 0 or more", {"retries": -1}),

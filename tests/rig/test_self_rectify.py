@@ -199,7 +199,9 @@ def test_a_rig_rectifies_all_frames_by_the_cameras_of_the_first_and_exports_them
         again = ps.rectify(turned.left, turned.right, calibration)
         assert again.error is not None
         assert again.error < 0.5, calibration
-    with pytest.raises(ValueError, match="^form: got 'xml'; accepts opencv, camera_info, kalibr"):
+    with pytest.raises(
+        ValueError, match="^form: got 'xml'; accepts 'opencv', 'camera_info', 'kalibr'"
+    ):
         rig.export(tmp_path / "rig", "xml")  # type: ignore[arg-type]  # the point
 
 

@@ -12,6 +12,7 @@ import depthai as dai
 import numpy as np
 from numpy.typing import NDArray
 
+from phasestereo._numbers import accept
 from phasestereo.io import Calibration
 from phasestereo.io.rigs.cameras import Cameras
 from phasestereo.io.rigs.reading import CalibrationSource, cameras_of_files
@@ -106,8 +107,7 @@ class StereoPhase(dai.node.ThreadedHostNode):
         TypeError, ValueError
             For a calibration of another kind, and as `phasestereo.Rig`.
         """
-        if keep not in KEEPS:
-            raise ValueError(f"keep: got {keep!r}; accepts {', '.join(map(repr, KEEPS))}")
+        accept("keep", keep, KEEPS)
 
         self._given, self._rectifier = None, None
         if isinstance(calibration, Calibration):

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from phasestereo._extras import require
 from phasestereo._images import Map, as_pixels, as_rgb8
+from phasestereo._numbers import accept
 from phasestereo.io import Calibration, write_depth, write_image
 from phasestereo.io.colmap import write_colmap
 from phasestereo.io.depth import MILLIMETERS, meters_in
@@ -90,8 +91,7 @@ class RgbdWriter(Closing):
     """
 
     def __init__(self, folder: StrPath, layout: RgbdLayout = "tum") -> None:
-        if layout not in LAYOUTS:
-            raise ValueError(f"layout: got {layout!r}; accepts {', '.join(map(repr, LAYOUTS))}")
+        accept("layout", layout, LAYOUTS)
         self._folder, self._layout = Path(folder), layout
         self._folder.mkdir(exist_ok=True)
         if any(self._folder.iterdir()):

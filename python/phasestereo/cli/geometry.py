@@ -8,11 +8,11 @@ from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Annotated, Any
 
-from cyclopts import Parameter, Token, validators
+from cyclopts import Parameter, validators
 from numpy.typing import NDArray
 
 from phasestereo.cli.errors import WRONG_USAGE, CommandError, option, refuse_picture, wrong
-from phasestereo.cli.options import AT_LEAST_ONE, POSITIVE
+from phasestereo.cli.options import AT_LEAST_ONE, POSITIVE, as_word
 from phasestereo.cli.terminal import say
 from phasestereo.io import Calibration, LengthUnit
 from phasestereo.io.depth import MILLIMETERS
@@ -37,26 +37,20 @@ _WITH_FOCAL = ("baseline", "doffs", "cx", "cy")
 _EXACTNESS = ("yaw", "anchor")
 
 
-def _anchor(_hint: Any, tokens: Sequence[Token]) -> Anchor:
-    """Read ``320,240,5.2`` as a column, a row and a depth."""
-    word = tokens[0].value
-    try:
-        x, y, depth = word.split(",")
-        return int(x), int(y), float(depth)
-    except ValueError:
-        raise ValueError(f"got {word}; accepts X,Y,DEPTH as one word: 320,240,5.2") from None
+def _anchor(word: str) -> Anchor:
+    x, y, depth = word.split(",")
+    return int(x), int(y), float(depth)
 
 
-def _size(_hint: Any, tokens: Sequence[Token]) -> tuple[int, int]:
-    """Read ``1920,1080`` as columns and rows."""
-    word = tokens[0].value
-    try:
-        cols, rows = map(int, word.split(","))
-    except ValueError:
-        cols = rows = 0
+def _size(word: str) -> tuple[int, int]:
+    cols, rows = map(int, word.split(","))
     if min(cols, rows) < 1:
-        raise ValueError(f"got {word}; accepts COLUMNS,ROWS as one word: 1920,1080")
+        raise ValueError
     return cols, rows
+
+
+_ANCHOR = as_word(_anchor, "X,Y,DEPTH as one word: 320,240,5.2")
+_SIZE = as_word(_size, "COLUMNS,ROWS as one word: 1920,1080")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -123,9 +117,9 @@ class GeometryOptions:
     max_depth: Annotated[float | None, Parameter(validator=POSITIVE)] = None
     decimate: Annotated[int | None, Parameter(validator=AT_LEAST_ONE)] = None
     register: Annotated[tuple[str, ...], Parameter(show_default=False)] = ()
-    register_size: Annotated[tuple[int, int] | None, Parameter(converter=_size, n_tokens=1)] = None
+    register_size: Annotated[tuple[int, int] | None, _SIZE] = None
     yaw: Annotated[float | None, Parameter(validator=validators.Number(gte=0, lte=10))] = None
-    anchor: Annotated[Anchor | None, Parameter(converter=_anchor, n_tokens=1)] = None
+    anchor: Annotated[Anchor | None, _ANCHOR] = None
 
     def check(self, *, wanted: bool) -> None:
         """Refuse options that are incomplete, exclude each other or have no effect.

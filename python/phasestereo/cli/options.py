@@ -5,7 +5,7 @@ But for the defaults: the class has those of one preset, and ``--preset`` may na
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, TypedDict, get_type_hints
 
 from cyclopts import Parameter, Token, validators
@@ -14,25 +14,25 @@ from phasestereo import _core
 from phasestereo.settings import PRESETS, Settings
 
 
-def _whole_numbers(_hint: Any, tokens: Sequence[Token]) -> tuple[int, ...]:
-    """Read ``3,2,1`` as three numbers."""
-    word = tokens[0].value
-    try:
-        return tuple(int(part) for part in word.split(","))
-    except ValueError:
-        raise ValueError(f"got {word}; accepts whole numbers as one word: 3,2,1") from None
+def as_word(read: Callable[[str], Any], accepted: str) -> Parameter:
+    """Return a parameter whose value is one word of the command line.
 
+    Parameters
+    ----------
+    read
+        From the word to the value; a ValueError refuses it.
+    accepted
+        The words that are read, for the message about others.
+    """
 
-def _count(_hint: Any, tokens: Sequence[Token]) -> int | None:
-    """Read ``auto`` as None, and a number as itself."""
-    word = tokens[0].value
-    if word == "auto":
-        return None
+    def convert(_hint: Any, tokens: Sequence[Token]) -> Any:
+        word = tokens[0].value
+        try:
+            return read(word)
+        except ValueError:
+            raise ValueError(f"got {word}; accepts {accepted}") from None
 
-    try:
-        return int(word)
-    except ValueError:
-        raise ValueError(f"got {word}; accepts a whole number, or auto") from None
+    return Parameter(converter=convert, n_tokens=1)
 
 
 AT_LEAST_ONE = validators.Number(gte=1, lt=2**31)
@@ -40,10 +40,16 @@ POSITIVE = validators.Number(gt=0)
 NOT_NEGATIVE = validators.Number(gte=0, lt=2**31)
 REASONABLE = validators.Number(gte=-(2**31), lt=2**31)
 
-Count = Annotated[int | None, Parameter(converter=_count, n_tokens=1)]
+Count = Annotated[
+    int | None,
+    as_word(lambda word: None if word == "auto" else int(word), "a whole number, or auto"),
+]
 """A number of disparities, or ``auto``."""
 
-Bands = Annotated[tuple[int, ...], Parameter(converter=_whole_numbers, n_tokens=1)]
+Bands = Annotated[
+    tuple[int, ...],
+    as_word(lambda word: tuple(map(int, word.split(","))), "whole numbers as one word: 3,2,1"),
+]
 """Whole numbers within one word of the command line."""
 
 PRESET_HELP = f"Settings to start from: {', '.join(PRESETS)}."

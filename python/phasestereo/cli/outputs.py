@@ -121,8 +121,12 @@ class Outputs:
             ("output", self.output, _write_output),
             *self._layers(),
             ("color", self.color, _write_color),
-            ("ply", self.ply, _write_ply),
-            ("mesh", self.mesh, _write_mesh),
+            ("ply", self.ply, lambda to, it: write_ply(to, _rig(it).points(it.result, it.pair[0]))),
+            (
+                "mesh",
+                self.mesh,
+                lambda to, it: write_glb(to, _rig(it).surface(it.result, it.pair[0])),
+            ),
             ("depth", self.depth, _write_depth),
             ("report", self.report, _write_report),
         ]
@@ -162,14 +166,6 @@ def _write_color(path: Path, outcome: Outcome) -> None:
     result = outcome.result
     picture = disparity_picture(result.disparity, title=result.verdict, trusted=result.trusted)
     write_image(path, picture)
-
-
-def _write_ply(path: Path, outcome: Outcome) -> None:
-    write_ply(path, _rig(outcome).points(outcome.result, outcome.pair[0]))
-
-
-def _write_mesh(path: Path, outcome: Outcome) -> None:
-    write_glb(path, _rig(outcome).surface(outcome.result, outcome.pair[0]))
 
 
 def _write_depth(path: Path, outcome: Outcome) -> None:

@@ -31,15 +31,11 @@ def decode_npy(file: BinaryIO) -> NDArray[Any]:
     if dtype.name not in _DTYPES:
         raise ValueError(f"the array has dtype {dtype}, an image has one of {', '.join(_DTYPES)}")
 
-    expected = file.tell() + math.prod(shape) * dtype.itemsize
-    actual = os.fstat(file.fileno()).st_size
-    if actual != expected:  # compared before anything is allocated
-        raise ValueError(f"the header asks for {expected} bytes, but the file has {actual}")
-
+    count = check_length(file, shape, dtype, os.fstat(file.fileno()).st_size)
     if len(shape) > 1 and 0 not in shape:
         check_size(shape[1], shape[0])
 
-    samples = np.fromfile(file, dtype, math.prod(shape))
+    samples = np.fromfile(file, dtype, count)
     samples = samples.reshape(shape, order="F" if fortran_order else "C")
     return np.ascontiguousarray(samples, dtype.newbyteorder("="))
 
@@ -61,6 +57,15 @@ def read_header(file: BinaryIO) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
         return npy_format.read_array_header_2_0(file)
 
     raise ValueError(f"the .npy format is version {version}, arrays of numbers have 1.0 or 2.0")
+
+
+def check_length(file: BinaryIO, shape: tuple[int, ...], dtype: np.dtype[Any], actual: int) -> int:
+    """Count the values after the header; refuse other data before anything is allocated."""
+    count = math.prod(shape)
+    expected = file.tell() + count * dtype.itemsize
+    if actual != expected:
+        raise ValueError(f"the header asks for {expected} bytes, but the file has {actual}")
+    return count
 
 
 def encode_npy(file: BinaryIO, array: NDArray[Any]) -> None:

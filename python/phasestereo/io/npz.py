@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import io
-import math
 import zipfile
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from phasestereo.io.npy import read_header
+from phasestereo.io.npy import check_length, read_header
 
 _MOST_ARRAYS = 256
 _METHODS = zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED  # as NumPy writes; others may ask for gigabytes
@@ -63,15 +62,9 @@ def decode_array(content: bytes) -> NDArray[Any]:
     """
     file = io.BytesIO(content)
     shape, columns_first, dtype = read_header(file)
-    start, count = file.tell(), math.prod(shape)
-
     if dtype.hasobject:
         raise ValueError("an array of objects, which are never loaded")
-    if len(content) != start + count * dtype.itemsize:
-        raise ValueError(
-            f"the header asks for {start + count * dtype.itemsize} bytes, but there are "
-            f"{len(content)}"
-        )
+    start, count = file.tell(), check_length(file, shape, dtype, len(content))
 
     if not dtype.itemsize:
         return np.zeros(shape, dtype)  # np.frombuffer refuses items of no bytes

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from phasestereo import _core
 from phasestereo._images import ImageOrPath, Pixels
-from phasestereo._numbers import as_number
+from phasestereo._numbers import accept, as_number
 from phasestereo._opening import Fitted, opened_alike
 from phasestereo.io.rigs.cameras import Cameras, Warp
 from phasestereo.io.rigs.reading import CalibrationSource
@@ -139,9 +139,8 @@ def _check_options(alpha: float | None, interpolation: str | None) -> None:
     if alpha is not None and as_number("alpha", alpha) != -1:
         as_number("alpha", alpha, least=0, most=1)
 
-    if interpolation is not None and interpolation not in INTERPOLATIONS:
-        names = ", ".join(map(repr, INTERPOLATIONS))
-        raise ValueError(f"interpolation: got {interpolation!r}; accepts {names}")
+    if interpolation is not None:
+        accept("interpolation", interpolation, INTERPOLATIONS)
 
 
 def _rectified(

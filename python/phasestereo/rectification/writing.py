@@ -8,6 +8,7 @@ from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
+from phasestereo._numbers import accept
 from phasestereo.io.drafts import replacing
 from phasestereo.io.files import StrPath
 from phasestereo.io.rigs.cameras import Matrix
@@ -39,8 +40,7 @@ def written(
     OSError
         If a file cannot be written.
     """
-    if form not in FORMS:
-        raise ValueError(f"form: got {form!r}; accepts {', '.join(FORMS)}")
+    accept("form", form, FORMS)
 
     # Rectified rays are R1 of the left camera and R2 of the right one; the right one is at +x.
     rotation = cameras["R2"].T @ cameras["R1"]

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from phasestereo._images import Map, Mask, as_mask, as_numbers
-from phasestereo._numbers import as_integer, as_number, check_type
+from phasestereo._numbers import accept, as_integer, as_number, check_type
 from phasestereo.io.calibration import Calibration, check_pixels
 from phasestereo.result import KEEPS, Keep, Result
 
@@ -93,8 +93,7 @@ class Selection:
 
     def __post_init__(self) -> None:
         """Refuse what is out of range."""
-        if self.keep not in KEEPS:
-            raise ValueError(f"keep: got {self.keep!r}; accepts {', '.join(map(repr, KEEPS))}")
+        accept("keep", self.keep, KEEPS)
         ends = "min_depth", "max_depth"
         low, high = (
             None if value is None else as_number(name, value, positive=True)

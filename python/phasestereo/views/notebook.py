@@ -62,10 +62,9 @@ def _words(result: Result) -> Iterable[str]:
     share = float(missing.mean())
     estimated = f"{1 - share:.1%} estimated, {result.trusted.mean():.1%} trusted"
 
-    summary = [result.verdict] if result.verdict else []
-    summary += [f"{cols} x {rows} pixels", estimated]
-    summary += [] if result.blur is None else [f"blur: {result.blur}"]
-    summary += [f"{sum(result.timings.values()):.3f} s"]
+    blur = "" if result.blur is None else f"blur: {result.blur}"
+    seconds = f"{sum(result.timings.values()):.3f} s"
+    summary = filter(None, (result.verdict, f"{cols} x {rows} pixels", estimated, blur, seconds))
     yield f"<b>phasestereo.Result</b> {escape(', '.join(summary))}"
 
     yield from (f"<b>{one.severity}</b>: {escape(one.sentence)}" for one in result.findings)

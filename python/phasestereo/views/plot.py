@@ -436,15 +436,16 @@ def overview(result: Result, figure: Figure | None = None) -> Figure:
     """
     check_type("result", result, Result, "a Result")
 
-    drawn: list[tuple[str, Callable[[Result, Axes], object]]] = [
-        ("Disparity", disparity),
-        ("Histogram", histogram),
-        ("Flags", flags),
-    ]
-    drawn += [] if result.confidence is None else [("Confidence", confidence)]
-    drawn += [] if result.uncertainty is None else [("Error bars", uncertainty)]
-    drawn += [] if result.blur is None else [("Blur", blur)]
-    drawn += [] if result.pair is None else [("Pair", pair)]
+    known: tuple[tuple[str, Callable[[Result, Axes], object], object], ...] = (
+        ("Disparity", disparity, True),
+        ("Histogram", histogram, True),
+        ("Flags", flags, True),
+        ("Confidence", confidence, result.confidence),
+        ("Error bars", uncertainty, result.uncertainty),
+        ("Blur", blur, result.blur),
+        ("Pair", pair, result.pair),
+    )
+    drawn = [(title, draw) for title, draw, there in known if there is not None]
 
     is_new = figure is None
     if figure is None:

@@ -42,10 +42,6 @@ def _ours_once(preset: str, num_disparities: int, threads: int | None) -> Call:
     )
 
 
-def _bm(num_disparities: int, _threads: int | None) -> Call:
-    return create_bm(num_disparities).compute
-
-
 def _bm_unchecked(num_disparities: int, _threads: int | None) -> Call:
     matcher = create_bm(num_disparities)
     matcher.setUniquenessRatio(0)
@@ -53,17 +49,15 @@ def _bm_unchecked(num_disparities: int, _threads: int | None) -> Call:
     return matcher.compute
 
 
-def _sgbm_3way(num_disparities: int, _threads: int | None) -> Call:
-    return create_sgbm(num_disparities, "STEREO_SGBM_MODE_SGBM_3WAY", channels=1).compute
-
-
 CONTENDERS: Mapping[str, Callable[[int, int | None], Call]] = MappingProxyType(
     {
         **{name: partial(_ours, preset) for preset, name in OURS.items()},
         **{name + MATCH: partial(_ours_once, preset) for preset, name in OURS.items()},
-        "opencv:bm": _bm,
+        "opencv:bm": lambda count, _: create_bm(count).compute,
         "opencv:bm-unchecked": _bm_unchecked,
-        "opencv:sgbm-3way": _sgbm_3way,
+        "opencv:sgbm-3way": lambda count, _: (
+            create_sgbm(count, "STEREO_SGBM_MODE_SGBM_3WAY", channels=1).compute
+        ),
     }
 )
 """What makes each of them for a number of disparities and threads, None being all there are.

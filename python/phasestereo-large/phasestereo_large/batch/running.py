@@ -13,7 +13,7 @@ from time import monotonic
 from typing import Any, Unpack
 
 from phasestereo._extras import require
-from phasestereo._numbers import as_integer, as_number
+from phasestereo._numbers import accept, as_integer, as_number
 from phasestereo.io.drafts import remove_abandoned
 from phasestereo.io.files import StrPath
 from phasestereo.io.maps import FLOAT_SUFFIXES
@@ -338,8 +338,7 @@ class _Run:
 
 
 def _check(suffix: str, layers: tuple[str, ...], settings: Settings) -> None:
-    if suffix not in FLOAT_SUFFIXES:
-        raise ValueError(f"suffix: got {suffix!r}; accepts {', '.join(FLOAT_SUFFIXES)}")
+    accept("suffix", suffix, FLOAT_SUFFIXES)
 
     there = maps_with(settings)
     for layer in layers:

@@ -7,11 +7,12 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
-from cyclopts import Parameter, Token
+from cyclopts import Parameter
 
 import phasestereo
 from phasestereo._extras import require
 from phasestereo.cli.errors import claim, refusals
+from phasestereo.cli.options import as_word
 from phasestereo.cli.terminal import print_json, print_lines
 from phasestereo.io.files import target_of
 from phasestereo.io.pair import Layout
@@ -23,16 +24,16 @@ _SUFFIXES = {"output": [".yaml", ".yml", ".xml"], "page": [".html", ".htm"]}
 _OPTIONS = frozenset(["board", "square", "charuco", "marker", "layout"])
 
 
-def _length(_hint: Any, tokens: Sequence[Token]) -> float:
-    """Read ``25mm`` as 0.025."""
-    word = tokens[0].value
+def _length(word: str) -> float:
     match = re.fullmatch(r"([0-9]*\.?[0-9]+)(mm|cm|m|in)", word)
     if match is None or not float(match[1]) > 0:
-        raise ValueError(f"got {word}; accepts a length with its unit: 25mm, 2.5cm, 0.025m or 1in")
+        raise ValueError
     return float(match[1]) * _METERS[match[2]]
 
 
-_Length = Annotated[float | None, Parameter(converter=_length, n_tokens=1)]
+_Length = Annotated[
+    float | None, as_word(_length, "a length with its unit: 25mm, 2.5cm, 0.025m or 1in")
+]
 
 
 def calibrate(

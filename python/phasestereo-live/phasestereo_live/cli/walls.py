@@ -3,28 +3,29 @@
 # No `from __future__ import annotations`: the command line is made of these annotations.
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
-from cyclopts import Parameter, Token
+from cyclopts import Parameter
 
 from phasestereo.cli.errors import wrong
-from phasestereo.cli.options import POSITIVE
+from phasestereo.cli.options import POSITIVE, as_word
 from phasestereo.io import Calibration, LengthUnit
 from phasestereo.io.depth import meters_in
 from phasestereo.rectification.record import Rectification
 from phasestereo_live.walls import LIMITS, Wall
 
 
-def _distance(_hint: Any, tokens: Sequence[Token]) -> tuple[float, str | None]:
-    """Read ``1.0m`` as (1, "m")."""
-    word = tokens[0].value
+def _distance(word: str) -> tuple[float, str | None]:
     found = re.fullmatch(r"(\d+\.?\d*|\.\d+)(mm|cm|m)?", word)
     if not found or not float(found[1]):
-        raise ValueError(f"got {word}; accepts a distance, as 1.0m, 850mm, or 1.0 in --unit")
+        raise ValueError
     return float(found[1]), found[2]
+
+
+_DISTANCE = as_word(_distance, "a distance, as 1.0m, 850mm, or 1.0 in --unit")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,9 +42,7 @@ class WallOptions:
         The unit of the baseline, that of --rectify, too.
     """
 
-    wall: Annotated[tuple[float, str | None] | None, Parameter(converter=_distance, n_tokens=1)] = (
-        None
-    )
+    wall: Annotated[tuple[float, str | None] | None, _DISTANCE] = None
     baseline: Annotated[float | None, Parameter(validator=POSITIVE)] = None
     unit: LengthUnit | None = None
 

@@ -6,6 +6,7 @@ import os
 from collections.abc import Collection
 from typing import Any, Literal, get_args
 
+from phasestereo._numbers import accept
 from phasestereo.io import Calibration
 from phasestereo.rig.diagnosis import check
 from phasestereo.views.depths import Selection
@@ -75,11 +76,8 @@ class FrameWriter:
         third: tuple[ThirdCamera, str] | None = None,
     ) -> None:
         for kind in kinds:
-            if kind not in KINDS:
-                raise ValueError(f"kinds: got {kind!r}; accepts {', '.join(KINDS)}")
-        if depth_encoding not in DEPTHS:
-            accepted = ", ".join(DEPTHS)
-            raise ValueError(f"depth_encoding: got {depth_encoding!r}; accepts {accepted}")
+            accept("kinds", kind, KINDS)
+        accept("depth_encoding", depth_encoding, DEPTHS)
 
         self._writer = writer
         self._kinds = kinds
