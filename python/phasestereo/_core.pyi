@@ -48,6 +48,7 @@ __all__ = [
     "estimate_pair",
     "estimate_pair_by_rows",
     "find_borders",
+    "find_overlays",
     "find_roughness",
     "find_scale",
     "fit_right",
@@ -198,10 +199,17 @@ def estimate_pair_by_rows(
     threads: int | Workers | None,
     known: Known,
     borders: tuple[float, float],
+    overlays: Sequence[tuple[int, int, int, int]],
 ) -> Estimates: ...
 def find_borders(
     read: Checked, size: tuple[int, int], disparities: tuple[int, int | None]
 ) -> list[tuple[float, NDArray[np.uint32] | None]]: ...
+def find_overlays(
+    read: Checked,
+    size: tuple[int, int],
+    disparities: tuple[int, int | None],
+    scale: Scale,
+) -> list[tuple[int, int, int, int]]: ...
 def find_roughness(
     read: Checked,
     size: tuple[int, int],

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from hypothesis import given, settings as hypothesis_settings, strategies as st
+from PIL import Image, ImageDraw
+from scipy import ndimage
 from test_pair_statistics import ERRORS, WRONG_ROWS, Reading, gathered, scene
 
 import phasestereo as ps
@@ -163,6 +165,37 @@ def test_black_borders_of_parts_are_those_of_the_whole(tmp_path: Path) -> None:
     ]
     statistics.save(tmp_path / "pair.npz")
     for first, last in bands_of(SIZE[0], 64):
+        found = match_rows(rows, load(tmp_path / "pair.npz"), first, last)
+        assert_rows(found, whole, first, last)
+
+
+def test_what_is_burnt_in_is_masked_in_parts_as_in_the_whole(tmp_path: Path) -> None:
+    rng = np.random.default_rng(2)
+    layers = [ndimage.gaussian_filter(rng.normal(size=(200, 320)), sigma) for sigma in (1, 3, 8)]
+    texture = 110 + 12 * sum(layer / layer.std() for layer in layers)
+    pair = []
+    for view in (texture[:, :300], texture[:, 12:312]):
+        image = Image.fromarray(
+            np.clip(view + rng.normal(0, 1, view.shape), 0, 255).astype(np.uint8)
+        )
+        ImageDraw.Draw(image).text((30, 90), "12:00:01 REC 47", fill=255, font_size=24)
+        pair.append(np.asarray(image))
+    whole = ps.match(*pair, num_disparities=24, scales=False)
+    masked = whole.flags == ps.Flag.MASKED
+    assert 0.01 < masked.mean() < 0.2
+
+    def rows(first: int, last: int) -> Any:
+        return pair[0][first:last], pair[1][first:last], None, None
+
+    statistics = pair_statistics(rows, masked.shape, num_disparities=24)
+    [(top, bottom, left, right)] = statistics.overlays
+    assert masked[top:bottom, left:right].all()
+    assert masked.sum() == (bottom - top) * (right - left)
+    assert [one for one in statistics.findings if one.topic == "border"] == [
+        one for one in whole.findings if one.topic == "border"
+    ]
+    statistics.save(tmp_path / "pair.npz")
+    for first, last in bands_of(200, 64):
         found = match_rows(rows, load(tmp_path / "pair.npz"), first, last)
         assert_rows(found, whole, first, last)
 

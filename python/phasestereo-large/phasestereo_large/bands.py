@@ -26,7 +26,7 @@ from phasestereo.result import Result
 from phasestereo.rig.alignment import Alignment
 from phasestereo.rig.compensation import BlurCompensation
 from phasestereo.settings import PresetName, Settings, SettingsOverrides, resolve
-from phasestereo_large.statistics import Borders, PairStatistics, as_size, load
+from phasestereo_large.statistics import Borders, PairStatistics, Rectangle, as_size, load
 
 Rows: TypeAlias = tuple[ArrayLike, ArrayLike, ArrayLike | None, ArrayLike | None]
 Reader: TypeAlias = Callable[[int, int], Rows]
@@ -71,10 +71,11 @@ def pair_statistics(
         through two or three times, of 16 bits once more, for the blur and the noise
         (``compensate_blur``, ``despike``, ``denoise`` or ``noise_threshold > 0``), a few times for
         the rows (``align_rows``), once for the range (``num_disparities=None``), once for findings,
-        once for black borders, three times where there may be some, once for ``adaptive_p2``,
-        ``synthesis``, ``guided_median`` or confidences, once for float images, once where all
-        values may fit a narrower type or all channels be equal. Where there are confidences, some
-        rows are matched: all up to 768, otherwise three bands of 96 and their halos.
+        once for what is burnt in, once for black borders, three times where there may be some, once
+        for ``adaptive_p2``, ``synthesis``, ``guided_median`` or confidences, once for float images,
+        once where all values may fit a narrower type or all channels be equal. Where there are
+        confidences, some rows are matched: all up to 768, otherwise three bands of 96 and their
+        halos.
 
     Raises
     ------
@@ -103,9 +104,11 @@ def pair_statistics(
 
     scale = _core.find_scale((left, right), masks, rows, rows.size, search)
 
+    rows.overlays = tuple(_core.find_overlays(rows, rows.size, search, scale))
+
     shares = borders[0][0], borders[1][0]
     found = _core.estimate_pair_by_rows(
-        rows, rows.size, search, asked, scale, workers, told, shares
+        rows, rows.size, search, asked, scale, workers, told, shares, rows.overlays
     )
 
     roughness = None
@@ -127,6 +130,7 @@ def pair_statistics(
         packing=scale.packing,
         ranges=scale.ranges,
         borders=rows.borders,
+        overlays=rows.overlays,
         roughness=roughness,
         findings=found.findings,
     )
@@ -225,7 +229,7 @@ def match_rows(
     if progress is not None and not callable(progress):
         raise TypeError(f"progress: got {type(progress).__name__}; accepts a callable or None")
 
-    rows = Checked(read, statistics.size, statistics.dtype, statistics.borders)
+    rows = Checked(read, statistics.size, statistics.dtype, statistics.borders, statistics.overlays)
     as_integer("first", first, least=0, most=statistics.size[0] - 1)
     as_integer("last", last, least=first + 1, most=statistics.size[0])
 
@@ -288,10 +292,11 @@ class Checked:
         size: tuple[int, int],
         dtype: str | None = None,
         borders: Borders = (None, None),
+        overlays: tuple[Rectangle, ...] = (),
     ) -> None:
         if not callable(read):
             raise TypeError(f"read: got {type(read).__name__}; accepts a callable")
-        self.size, self.borders = size, borders
+        self.size, self.borders, self.overlays = size, borders, overlays
         self._read, self._dtype = read, dtype
 
     def __call__(
@@ -325,7 +330,10 @@ class Checked:
         self._dtype = name
 
         masks = [
-            join_masks(view.valid, self._without_border(border, first, last))
+            join_masks(
+                join_masks(view.valid, self._without_border(border, first, last)),
+                self._without_overlays(first, last),
+            )
             for view, border in zip(views, self.borders, strict=True)
         ]
         return pair, (masks[0], masks[1])
@@ -343,3 +351,12 @@ class Checked:
         y, x = np.ogrid[first:last, :cols]
         inside: Mask = (y >= top) & (y < rows - bottom)
         return inside & (x >= left[first:last, None]) & (x < cols - right[first:last, None])
+
+    def _without_overlays(self, first: int, last: int) -> Mask | None:
+        """Return a mask of the pixels of some rows where nothing is burnt in."""
+        if not self.overlays:
+            return None
+        mask = np.ones((last - first, self.size[1]), bool)
+        for top, bottom, left, right in self.overlays:
+            mask[max(top - first, 0) : max(bottom - first, 0), left:right] = False
+        return mask

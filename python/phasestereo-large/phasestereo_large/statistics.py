@@ -32,6 +32,7 @@ from phasestereo_large.records import check_ranges, decoded
 Range: TypeAlias = tuple[float, float]
 Packing: TypeAlias = tuple[float, int, bool, bool]
 Borders: TypeAlias = tuple[NDArray[np.uint32] | None, NDArray[np.uint32] | None]
+Rectangle: TypeAlias = tuple[int, int, int, int]
 Arrays: TypeAlias = dict[str, NDArray[Any]]
 
 
@@ -70,6 +71,9 @@ class PairStatistics:
         The black borders of the left and of the right image, which are masked: the lengths of the
         runs from the top and from the bottom, by column, then from the left and from the right, by
         row, uint32. None: the images have no borders.
+    overlays
+        What is burnt in at the same place of both images, which is masked: of each rectangle the
+        first row and that after the last one, then the same of its columns.
     findings
         What there is to say about the pair, as `phasestereo.check` says it.
     roughness
@@ -97,6 +101,7 @@ class PairStatistics:
     tally: tuple[int, int, int, int, int] | None = None
     findings: tuple[Finding, ...] = ()
     borders: Borders = (None, None)
+    overlays: tuple[Rectangle, ...] = ()
 
     @property
     def is_inverted(self) -> bool:
@@ -187,6 +192,10 @@ def _from_arrays(arrays: Mapping[str, NDArray[Any]]) -> PairStatistics:
         "packing": 0 < step < math.inf and 0 <= bits <= _MOST_BITS,
         "borders": all(
             border is None or border.shape == (2 * sum(found.size),) for border in found.borders
+        ),
+        "overlays": all(
+            0 <= top < bottom <= found.size[0] and 0 <= left < right <= found.size[1]
+            for top, bottom, left, right in found.overlays
         ),
         "roughness, tally": all(0 <= count < 2**64 for count in counts),
         "coefficients, errors, sway": [*map(len, rows)] in ([], [8, 16, 0], [8, 16, 19])

@@ -361,6 +361,7 @@ impl Estimates {
             even_rows: [false; 2],
             seen: None,
             borders: [0.0; 2],
+            overlays: vec![],
             range: None,
             left_out: vec![],
             offsets: None,

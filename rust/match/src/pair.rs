@@ -5,6 +5,7 @@ pub mod alignment;
 pub mod blur_compensation;
 pub mod candidates;
 pub mod fitting;
+pub mod overlay;
 pub mod plan;
 pub mod source;
 
@@ -25,6 +26,7 @@ use crate::pair::alignment::straighten::straightened;
 use crate::pair::blur_compensation::BlurCompensation;
 use crate::pair::candidates::Candidates;
 use crate::pair::fitting::{Fit, fitted, white};
+use crate::pair::overlay::{Overlay, overlays};
 use crate::pair::plan::{Bytes, Demand, Plan, Stage};
 
 /// Two images and the disparities to search.
@@ -36,6 +38,7 @@ pub struct Pair {
     compensation: Option<BlurCompensation>,
     fit: Option<Fit>,
     borders: [f64; 2],
+    overlays: Vec<Overlay>,
     is_turned: bool,
 }
 
@@ -71,6 +74,7 @@ impl Pair {
             compensation: None,
             fit: None,
             borders: [0.0; 2],
+            overlays: vec![],
             is_turned: false,
         })
     }
@@ -95,7 +99,7 @@ impl Pair {
     }
 
     /// A pair of any two images: the right one is brought to the size of the left one, and its pixels to the
-    /// unit of those. Black borders are masked.
+    /// unit of those. Black borders are masked, and what is burnt in at the same place of both.
     pub fn of_any(
         [left, right]: [Input; 2],
         min_disparity: i64,
@@ -116,7 +120,8 @@ impl Pair {
         let left = of_left.view(left)?;
         let (right, fit) = fitted(&left, of_right.view(right)?)?;
         let borders = [border, other];
-        Ok(Self { fit, borders, ..Self::new(left, right, min_disparity, num_disparities)? })
+        let pair = Self { fit, borders, ..Self::new(left, right, min_disparity, num_disparities)? };
+        pair.without_overlays()
     }
 
     /// How the right image was brought to the size of the left one; `None`: it came so.
@@ -127,6 +132,24 @@ impl Pair {
     /// The shares of the left and of the right image that are black borders, and masked.
     pub fn borders(&self) -> [f64; 2] {
         self.borders
+    }
+
+    /// The pair without what is burnt in at the same place of both images, which is masked.
+    fn without_overlays(self) -> Result<Self> {
+        let overlays = overlays(&self, &Control::default())?;
+        if overlays.is_empty() {
+            return Ok(self);
+        }
+        let [left, right] = [self.left, self.right].map(|view| {
+            let mask = overlay::mask(&overlays, &view);
+            view.with_mask(Some(mask))
+        });
+        Ok(Self { left, right, overlays, ..self })
+    }
+
+    /// What is burnt in at the same place of both images as they came, and masked.
+    pub fn overlays(&self) -> &[Overlay] {
+        &self.overlays
     }
 
     /// The pair with how its blur is compensated before pixels are compared. The compensation gives the
@@ -160,7 +183,8 @@ impl Pair {
         let left = self.left.repaired(left, level, control)?.into_owned();
         let right = self.right.repaired(right, level, control)?.into_owned();
         let compensation = self.compensation.clone();
-        Ok(Cow::Owned(Self { left, right, compensation, ..*self }))
+        let overlays = self.overlays.clone();
+        Ok(Cow::Owned(Self { left, right, compensation, overlays, ..*self }))
     }
 
     /// The pair with other disparities to search.
@@ -178,7 +202,9 @@ impl Pair {
     pub fn turned(&self, min_disparity: i64, num_disparities: i64) -> Result<Self> {
         let candidates = Candidates::new(min_disparity, num_disparities, self.size().0)?;
         let (left, right) = (self.left.turned(), self.right.turned());
-        Ok(Self { left, right, candidates, compensation: None, is_turned: true, ..*self })
+        let overlays = self.overlays.clone();
+        let is_turned = true;
+        Ok(Self { left, right, candidates, compensation: None, overlays, is_turned, ..*self })
     }
 
     /// The pair with the right image resampled so that its rows correspond to those of the left one.
@@ -194,7 +220,7 @@ impl Pair {
 
     /// The pair with other views of the same size.
     pub fn with_views(&self, [left, right]: [View; 2]) -> Self {
-        Self { left, right, compensation: None, ..*self }
+        Self { left, right, compensation: None, overlays: self.overlays.clone(), ..*self }
     }
 
     /// Some rows of the images.
@@ -203,7 +229,7 @@ impl Pair {
         let compensation =
             self.compensation.clone().map(|compensation| compensation.below(rows.start));
 
-        Self { left, right, compensation, ..*self }
+        Self { left, right, compensation, overlays: self.overlays.clone(), ..*self }
     }
 
     /// Left and right view.

@@ -81,6 +81,7 @@ use phasestereo_match::optimization::{BAND, Penalties, optimize};
 use phasestereo_match::pair::alignment::Alignment;
 use phasestereo_match::pair::blur_compensation::{BlurCompensation, MOST_CLASSES};
 use phasestereo_match::pair::fitting::resized_right;
+use phasestereo_match::pair::overlay::{self, Overlay};
 use phasestereo_match::pair::plan::{Demand, Plan};
 use phasestereo_match::pair::source;
 use phasestereo_match::pair::{Pair, check};
@@ -111,10 +112,10 @@ mod _core {
     use super::{
         Back, Ready, Rig, Scale, Setting, TemporalFilter, Workers, aggregate_volume,
         check_blur_compensation, check_noise, check_settings, cost_volume, descriptor,
-        estimate_pair, estimate_pair_by_rows, find_borders, find_roughness, find_scale, fit_right,
-        halo, kept_pixels, match_pair, match_raw, match_rows, observe_maps, optimize_volume,
-        prepare_pair, preset, rays_of_pixels, rectify_pairs, register_depths, release_memory,
-        rows_to_tally, self_check, simd_level, verify_map, working_memory,
+        estimate_pair, estimate_pair_by_rows, find_borders, find_overlays, find_roughness,
+        find_scale, fit_right, halo, kept_pixels, match_pair, match_raw, match_rows, observe_maps,
+        optimize_volume, prepare_pair, preset, rays_of_pixels, rectify_pairs, register_depths,
+        release_memory, rows_to_tally, self_check, simd_level, verify_map, working_memory,
     };
 
     #[pymodule_init]
@@ -343,6 +344,7 @@ fn estimate_pair_by_rows<'py>(
     threads: &Bound<'py, PyAny>,
     known: Object<'py>,
     borders: [f64; 2],
+    overlays: Vec<(usize, usize, usize, usize)>,
 ) -> Result<Object<'py>> {
     let asked = read_settings(&settings)?;
     let search = read_search(&disparities)?;
@@ -350,10 +352,14 @@ fn estimate_pair_by_rows<'py>(
     let reader = Reader::new(read, size, search, scale)?;
 
     let pool = Pool::for_argument(threads)?;
+    let as_overlay =
+        |(top, bottom, left, right)| Overlay { rows: top..bottom, columns: left..right };
+    let overlays: Vec<_> = overlays.into_iter().map(as_overlay).collect();
     let source = Arc::clone(&reader);
     let estimates = supervised(py, &pool, size.0, None, move |runtime| {
         let mut estimates = complete_source(&*source, &told, &asked, runtime)?;
         estimates.borders = borders;
+        estimates.overlays = overlays;
         estimates.findings = findings::of_pair(&estimates, size, None, &asked);
         Ok(estimates)
     });
@@ -414,6 +420,27 @@ fn find_borders<'py>(
         })
     };
     Ok(found.map_err(|failure| reader.reason(failure))?.map(of_side).into())
+}
+
+/// What is burnt in at the same place of both images of a pair that is read by rows: the first row and that
+/// after the last one, and the same of columns.
+#[pyfunction]
+fn find_overlays(
+    py: Python<'_>,
+    read: Bound<'_, PyAny>,
+    size: (usize, usize),
+    disparities: Both<'_>,
+    scale: &Scale,
+) -> Result<Vec<(usize, usize, usize, usize)>> {
+    let reader = Reader::new(read, size, read_search(&disparities)?, scale)?;
+    let source = Arc::clone(&reader);
+    let found = supervised(py, &Pool::new(1)?, size.0, None, move |runtime| {
+        overlay::overlays(&*source, runtime.control)
+    });
+    let of_one =
+        |Overlay { rows, columns }: Overlay| (rows.start, rows.end, columns.start, columns.end);
+    let found = found.map_err(|failure| reader.reason(failure))?;
+    Ok(found.into_iter().map(of_one).collect())
 }
 
 /// The roughness of a left image that is read by rows: a sum of differences, and their number.

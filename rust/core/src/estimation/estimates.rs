@@ -14,6 +14,7 @@ use crate::estimation::photometry::Photometry;
 use crate::finding::Finding;
 use phasestereo_match::pair::alignment::Alignment;
 use phasestereo_match::pair::candidates::Candidates;
+use phasestereo_match::pair::overlay::Overlay;
 
 /// What was estimated from a pair, and the settings and kernels that suit it.
 #[derive(Debug, Clone)]
@@ -36,6 +37,8 @@ pub struct Estimates {
     pub(crate) seen: Option<Arc<Seen>>,
     /// Shares of the left and of the right image that are black borders, which are masked.
     pub borders: [f64; 2],
+    /// What is burnt in at the same place of both images, which is masked.
+    pub overlays: Vec<Overlay>,
     /// The range of disparities, if it was to be estimated, or the known one matches badly.
     pub range: Option<SearchRange>,
     /// Places that seem to have disparities that are not searched.

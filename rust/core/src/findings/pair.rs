@@ -27,6 +27,7 @@ use phasestereo_match::base::math;
 use phasestereo_match::pair::Pair;
 use phasestereo_match::pair::alignment::{Alignment, LINEAR, TERMS};
 use phasestereo_match::pair::fitting::Fit;
+use phasestereo_match::pair::overlay::Overlay;
 use phasestereo_match::settings::Settings;
 
 /// A pair of which something was estimated.
@@ -142,11 +143,15 @@ table! {
         "{0} interlaced: odd rows are shifted by {1} px against even ones", remedy("{2}"),
         cause("interlaced fields", 0.0);
     Border, Note, borders(known), "a black border, {0} of {1}, shows nothing and is not matched";
+    Border, Note, overlaid(known),
+        "columns {0}, rows {1} show the same in both images, as a clock or a logo that is burnt in, and are not matched",
+        remedy("mask them yourself if more belongs to it");
 }
 
 /// The estimates of a pair in memory with their findings.
 pub fn with_findings(estimates: Estimates, pair: &Pair, settings: &Settings) -> Estimates {
-    let estimates = Estimates { borders: pair.borders(), ..estimates };
+    let overlays = pair.overlays().to_vec();
+    let estimates = Estimates { borders: pair.borders(), overlays, ..estimates };
     let findings = of_pair(&estimates, pair.size(), pair.fit(), settings);
     Estimates { findings, ..estimates }
 }
@@ -334,6 +339,14 @@ fn borders(known: &Known) -> Vec<Measured> {
         when(border > 0.0, [share, format!("the {side} image")])
     };
     sides.flat_map(of_side).collect()
+}
+
+/// The rectangles that are masked since something is burnt in there.
+fn overlaid(known: &Known) -> Vec<Measured> {
+    let place = |Overlay { rows, columns }: &Overlay| {
+        value(0.0, [span(columns.start, columns.end), span(rows.start, rows.end)])
+    };
+    known.estimates.overlays.iter().flat_map(place).collect()
 }
 
 /// The offsets of a field of rows with this error.
