@@ -145,10 +145,7 @@ impl SampleMap {
     }
 
     /// Times one stage on one thread. The stage may change the map or write another plane of its size.
-    fn bench<T: Send>(
-        bencher: Bencher,
-        stage: impl Fn(&mut Self, &mut Plane<f32>) -> T + Send + Sync,
-    ) {
+    fn bench<T: Send>(bencher: Bencher, stage: impl Fn(&mut Self, &mut Plane<f32>) -> T + Send + Sync) {
         let map = Self::new();
         let pool = Matcher::new(1).expect("a thread starts");
 
@@ -165,17 +162,14 @@ fn with_costs<T>(case: Case, settings: &Settings, work: impl FnOnce(&Costs, Wind
 
     let candidates = Candidates::new(0, count as i64, COLS).expect("in reach");
     let [left, right] = &views;
-    let costs =
-        Costs::new([left, right], candidates, settings, None, case.level, &Control::default())
-            .expect("memory");
+    let costs = Costs::new([left, right], candidates, settings, None, case.level, &Control::default())
+        .expect("memory");
 
     work(&costs, Window::new((ROWS, COLS), count, settings, costs.ceiling()))
 }
 
 mod descriptor {
-    use super::{
-        Bencher, COLS, Control, Image, ItemsCount, Preset, ROWS, Settings, gray, noise, on_threads,
-    };
+    use super::{Bencher, COLS, Control, Image, ItemsCount, Preset, ROWS, Settings, gray, noise, on_threads};
     use ndarray::Array3;
     use phasestereo_match::base::simd::Level;
     use phasestereo_match::descriptor::describe as describe_gray;
@@ -216,9 +210,7 @@ mod descriptor {
     fn names() -> Vec<String> {
         let levels = Level::all().filter(|(_, level)| level.is_some());
         levels
-            .flat_map(|(level, _)| {
-                cases().into_iter().map(move |(case, ..)| format!("{level}, {case}"))
-            })
+            .flat_map(|(level, _)| cases().into_iter().map(move |(case, ..)| format!("{level}, {case}")))
             .collect()
     }
 
@@ -227,8 +219,7 @@ mod descriptor {
     fn describe(bencher: Bencher, name: &str) {
         let (level, case) = name.split_once(", ").expect("a level and a case");
         let level = Level::all().find(|(known, _)| *known == level).and_then(|(_, level)| level);
-        let (_, image, settings) =
-            cases().into_iter().find(|(known, ..)| *known == case).expect("a case");
+        let (_, image, settings) = cases().into_iter().find(|(known, ..)| *known == case).expect("a case");
         let (level, control) = (level.expect("of this machine"), Control::default());
 
         let view = gray(image());
@@ -312,17 +303,14 @@ mod convolution {
     fn names() -> Vec<String> {
         let levels = Level::all().filter(|(_, level)| level.is_some());
         let cases = cases();
-        levels
-            .flat_map(|(level, _)| cases.iter().map(move |(case, ..)| format!("{level}, {case}")))
-            .collect()
+        levels.flat_map(|(level, _)| cases.iter().map(move |(case, ..)| format!("{level}, {case}"))).collect()
     }
 
     #[divan::bench(args = names(), sample_count = 20)]
     fn convolve(bencher: Bencher, name: &str) {
         let (level, case) = name.split_once(", ").expect("a level and a case");
         let level = Level::all().find(|(known, _)| *known == level).and_then(|(_, level)| level);
-        let (_, kernel, reach) =
-            cases().into_iter().find(|(known, ..)| *known == case).expect("a case");
+        let (_, kernel, reach) = cases().into_iter().find(|(known, ..)| *known == case).expect("a case");
         let (level, control) = (level.expect("of this machine"), Control::default());
 
         let pixels = noise(ROWS, COLS, |value| value as u8).into_vec();
@@ -356,8 +344,7 @@ mod cost {
 
         #[inline(always)]
         fn run(self) {
-            for (y, start) in (0..ROWS).flat_map(|y| (0..COLS).step_by(PANEL).map(move |x| (y, x)))
-            {
+            for (y, start) in (0..ROWS).flat_map(|y| (0..COLS).step_by(PANEL).map(move |x| (y, x))) {
                 self.costs.write(y, start..start + PANEL, self.costs.searched(), self.out);
             }
         }
@@ -453,8 +440,8 @@ mod optimization {
     use phasestereo_match::cost::aggregation::{Aggregator, PixelBlock};
     use phasestereo_match::optimization::edges::Edges;
     use phasestereo_match::optimization::{
-        BAND, CandidateSearch, CostSource, LOOKAHEAD_COLUMNS, LOOKAHEAD_ROWS, PANEL, Penalties,
-        STRIP, Weighing, Workspace,
+        BAND, CandidateSearch, CostSource, LOOKAHEAD_COLUMNS, LOOKAHEAD_ROWS, PANEL, Penalties, STRIP,
+        Weighing, Workspace,
     };
     use phasestereo_match::pair::candidates::Searched;
 
@@ -592,12 +579,7 @@ mod filling {
     #[divan::bench(args = every())]
     fn fill(bencher: Bencher, At(level): &At) {
         SampleMap::bench(bencher, |SampleMap { disparity, flags, .. }, _| {
-            phasestereo_match::refinement::filling::fill(
-                disparity,
-                flags,
-                *level,
-                &Control::default(),
-            )
+            phasestereo_match::refinement::filling::fill(disparity, flags, *level, &Control::default())
         });
     }
 }
@@ -625,8 +607,7 @@ mod outlines {
 
 mod synthesis {
     use super::{
-        At, Bencher, COLS, Control, ItemsCount, Matcher, Plane, Preset, ROWS, Settings, every,
-        noise, views,
+        At, Bencher, COLS, Control, ItemsCount, Matcher, Plane, Preset, ROWS, Settings, every, noise, views,
     };
     use phasestereo_match::image::convolution::Kernel;
     use phasestereo_match::pair::blur_compensation::BlurCompensation;
@@ -639,8 +620,7 @@ mod synthesis {
         let kernel = Kernel::new(&Plane::from_fn(9, 9, |_, _| 1.0 / 81.0)).expect("legal");
         let kernels = if side == 0 { [None, Some(kernel)] } else { [Some(kernel), None] };
         let labels = Plane::from_fn(1, 1, |_, _| 0);
-        let compensation =
-            BlurCompensation::new([1.0; 2], vec![kernels], labels, 1).expect("legal");
+        let compensation = BlurCompensation::new([1.0; 2], vec![kernels], labels, 1).expect("legal");
 
         let settings = Settings {
             neighborhood: 5,
@@ -688,12 +668,7 @@ mod median {
     #[divan::bench(args = every())]
     fn smooth(bencher: Bencher, At(level): &At) {
         SampleMap::bench(bencher, |SampleMap { disparity, .. }, out| {
-            phasestereo_match::refinement::median::smooth(
-                disparity,
-                out,
-                *level,
-                &Control::default(),
-            )
+            phasestereo_match::refinement::median::smooth(disparity, out, *level, &Control::default())
         });
     }
 }
@@ -704,12 +679,7 @@ mod subpixel {
     #[divan::bench(args = every())]
     fn smooth(bencher: Bencher, At(level): &At) {
         SampleMap::bench(bencher, |SampleMap { disparity, .. }, out| {
-            phasestereo_match::refinement::surfaces::smooth(
-                disparity,
-                out,
-                *level,
-                &Control::default(),
-            )
+            phasestereo_match::refinement::surfaces::smooth(disparity, out, *level, &Control::default())
         });
     }
 }
@@ -757,12 +727,7 @@ mod matcher {
         whole_of(bencher, case, settings, None);
     }
 
-    fn whole_of(
-        bencher: Bencher,
-        case: Case,
-        settings: &Settings,
-        compensation: Option<BlurCompensation>,
-    ) {
+    fn whole_of(bencher: Bencher, case: Case, settings: &Settings, compensation: Option<BlurCompensation>) {
         let [left, right] = views();
         let pair = Pair::new(left, right, 0, case.candidates as i64).expect("a legal pair");
         let control = Control::default();
@@ -804,9 +769,7 @@ mod matcher {
 }
 
 mod temporal {
-    use super::{
-        At, Bencher, COLS, Control, ItemsCount, Matcher, Plane, ROWS, every, fast, noise, views,
-    };
+    use super::{At, Bencher, COLS, Control, ItemsCount, Matcher, Plane, ROWS, every, fast, noise, views};
     use phasestereo::internals::video::temporal::TemporalFilter;
     use phasestereo_match::matcher::{Disparity, Timings};
     use phasestereo_match::pair::Pair;
@@ -827,9 +790,9 @@ mod temporal {
         };
         let (settings, control) = (fast(), Control::default());
         let (matcher, mut filter) = (Matcher::new(1).expect("a thread"), TemporalFilter::new());
-        bencher.counter(ItemsCount::new(ROWS * COLS)).bench_local(|| {
-            matcher.install(|| filter.apply(&pair, &settings, &mut map, *level, &control))
-        });
+        bencher
+            .counter(ItemsCount::new(ROWS * COLS))
+            .bench_local(|| matcher.install(|| filter.apply(&pair, &settings, &mut map, *level, &control)));
     }
 }
 

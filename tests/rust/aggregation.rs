@@ -1,8 +1,8 @@
 //! Windows: sliding sums over lanes against each window summed by itself.
 
 use crate::common::{
-    COUNTS, affordable, eight_valid_pairs, hash, heights, levels, mask, naive, random, settings,
-    view, volumes, widths,
+    COUNTS, affordable, eight_valid_pairs, hash, heights, levels, mask, naive, random, settings, view,
+    volumes, widths,
 };
 use crate::reference;
 use phasestereo_match::base::control::Control;
@@ -105,8 +105,7 @@ fn every_window_and_larger_ones_than_the_image() {
     for side in (1..=LARGEST_WINDOW).step_by(2) {
         for (shiftable, dropped) in [(true, 3), (false, 0)] {
             let cols = PANEL + 5;
-            let window =
-                Window { rows: 35, cols, candidates: 1, side, shiftable, ceiling: 99, dropped };
+            let window = Window { rows: 35, cols, candidates: 1, side, shiftable, ceiling: 99, dropped };
             check(&any_costs(window), window);
 
             let window = Window { rows: 2, cols: 3, ..window };
@@ -121,8 +120,7 @@ fn every_number_of_candidates_in_rows_of_any_width() {
     for (candidates, cols) in COUNTS.into_iter().zip(near.into_iter().cycle()) {
         for (rows, side) in [(1, 5), (33, 3)] {
             let shiftable = true;
-            let window =
-                Window { rows, cols, candidates, side, shiftable, ceiling: 14, dropped: 1 };
+            let window = Window { rows, cols, candidates, side, shiftable, ceiling: 14, dropped: 1 };
             check(&any_costs(window), window);
         }
     }
@@ -132,8 +130,7 @@ fn every_number_of_candidates_in_rows_of_any_width() {
 fn the_largest_costs_do_not_overflow() {
     for shiftable in [true, false] {
         let ceiling = u16::MAX;
-        let window =
-            Window { rows: 33, cols: 34, candidates: 1, side: 63, shiftable, ceiling, dropped: 0 };
+        let window = Window { rows: 33, cols: 34, candidates: 1, side: 63, shiftable, ceiling, dropped: 0 };
 
         let volume = Plane::from_fn(33, 34, |_, _| u16::MAX);
         let sums = aggregated(&volume, window, levels()[0]);
@@ -200,8 +197,7 @@ impl MaskedCosts {
                 let mut out = vec![[V::truncated(77); LANES]; block.0.places() * searched.runs()];
                 aggregator.aggregate(costs, window, block, level, &mut out).expect("memory");
 
-                let pixels: Vec<_> =
-                    out.chunks_exact(searched.runs()).map(<[_]>::as_flattened).collect();
+                let pixels: Vec<_> = out.chunks_exact(searched.runs()).map(<[_]>::as_flattened).collect();
 
                 for (y, x) in rows.clone().flat_map(|y| columns.clone().map(move |x| (y, x))) {
                     let (row, col) = (y - rows.start, x - columns.start);

@@ -47,11 +47,10 @@ fn copies_of(size: (usize, usize), far: isize, things: &[Thing]) -> Overview {
     let background = |y: usize, x: isize| noise(1, y, (x + 500) as usize);
     let seen = |y: usize, x: usize, is_right: bool| {
         let shift = |disparity: isize| if is_right { disparity } else { 0 };
-        let thing =
-            things.iter().enumerate().find(|(_, (top, rows, first, columns, disparity))| {
-                let column = x as isize + shift(*disparity) - *first as isize;
-                (*top..top + rows).contains(&y) && (0..*columns as isize).contains(&column)
-            });
+        let thing = things.iter().enumerate().find(|(_, (top, rows, first, columns, disparity))| {
+            let column = x as isize + shift(*disparity) - *first as isize;
+            (*top..top + rows).contains(&y) && (0..*columns as isize).contains(&column)
+        });
 
         match thing {
             Some((number, (.., disparity))) => {
@@ -86,15 +85,10 @@ fn found(copies: &Overview, guess: Guess, threads: usize, level: Level) -> Vec<A
     run(threads, level, |runtime| areas(copies, guess, RUN, REACH, None, runtime))
 }
 
-fn run(
-    threads: usize,
-    level: Level,
-    search: impl FnOnce(Runtime) -> Result<Vec<Area>> + Send,
-) -> Vec<Area> {
+fn run(threads: usize, level: Level, search: impl FnOnce(Runtime) -> Result<Vec<Area>> + Send) -> Vec<Area> {
     let matcher = Matcher::new(threads).expect("threads");
     let control = Control::default();
-    let runtime =
-        Runtime { matcher: &matcher, execution: Execution { threads, level }, control: &control };
+    let runtime = Runtime { matcher: &matcher, execution: Execution { threads, level }, control: &control };
 
     matcher.install(|| search(runtime)).expect("it runs")
 }
@@ -115,16 +109,11 @@ const FLAT: (isize, isize) = (1, 2);
 const SQUARE: (isize, isize) = (2, 2);
 
 impl Sums {
-    fn new(
-        [left, right]: [&Plane<f32>; 2],
-        (low, high): (isize, isize),
-        around: (isize, isize),
-    ) -> Self {
+    fn new([left, right]: [&Plane<f32>; 2], (low, high): (isize, isize), around: (isize, isize)) -> Self {
         let (rows, cols) = (left.rows(), left.cols());
         let count = (high - low + 1) as usize;
         let candidates = Candidates::new(low as i64, count as i64, cols).expect("legal");
-        let settings =
-            Settings { neighborhood: 3, frequencies: (1, 1), ..Preset::Paper.settings() };
+        let settings = Settings { neighborhood: 3, frequencies: (1, 1), ..Preset::Paper.settings() };
 
         let (level, control) = (Level::best(), Control::default());
         let views = [left, right].map(as_view);
@@ -136,9 +125,8 @@ impl Sums {
 
     /// The pixels of the window of a pixel.
     fn window(&self, y: usize, x: usize) -> impl Iterator<Item = (usize, usize)> + '_ {
-        let clamped = |at: usize, by: isize, length: usize| {
-            (at as isize + by).clamp(0, length as isize - 1) as usize
-        };
+        let clamped =
+            |at: usize, by: isize, length: usize| (at as isize + by).clamp(0, length as isize - 1) as usize;
         let (up, across) = self.around;
         let places = (-up..=up).flat_map(move |dy| (-across..=across).map(move |dx| (dy, dx)));
         places.map(move |(dy, dx)| (clamped(y, dy, self.costs.rows()), clamped(x, dx, self.cols)))
@@ -208,8 +196,7 @@ fn doubtful(
     let (rows, cols) = (planes[0].rows(), planes[0].cols());
     let forward = Sums::new(planes, tried.reach, around);
     let run = Sums::new(planes, tried.run, around);
-    let pixels: Vec<(usize, usize)> =
-        (0..rows).flat_map(|y| (0..cols).map(move |x| (y, x))).collect();
+    let pixels: Vec<(usize, usize)> = (0..rows).flat_map(|y| (0..cols).map(move |x| (y, x))).collect();
 
     let middle = (tried.run.0 + tried.run.1).div_euclid(2);
     let is_judged = |(y, x): &(usize, usize)| {
@@ -255,8 +242,7 @@ fn doubtful(
     let much = pixels.iter().zip(&guessed).filter(|(at, sum)| is_judged(at) && **sum > most);
     let first: HashSet<_> = many(&mut much.map(|(at, _)| *at)).into_iter().map(block).collect();
     let along = |(y, x): (usize, usize)| run.least(y, x, |_| true).0;
-    let is_one =
-        |at: &(usize, usize)| is_judged(at) && first.contains(&block(*at)) && along(*at) > most;
+    let is_one = |at: &(usize, usize)| is_judged(at) && first.contains(&block(*at)) && along(*at) > most;
     pixels.into_iter().filter(is_one).collect()
 }
 
@@ -284,8 +270,7 @@ fn connected(found: &[Member]) -> Vec<Vec<Member>> {
             for (row, column) in (y.saturating_sub(2)..=y + 2)
                 .flat_map(|row| (x.saturating_sub(2)..=x + 2).map(move |x| (row, x)))
             {
-                if open.get(&(row, column)).is_some_and(|(other, _)| (other - disparity).abs() <= 1)
-                {
+                if open.get(&(row, column)).is_some_and(|(other, _)| (other - disparity).abs() <= 1) {
                     members.extend(open.remove_entry(&(row, column)));
                 }
             }
@@ -359,8 +344,7 @@ fn naive(copies: &Overview, guess: Guess) -> Vec<Area> {
 /// The areas of finer copies by the definition.
 fn naive_fine([finer, copies]: [&Overview; 2], guess: Guess, tried: Tried) -> Vec<Area> {
     let by = copies.factor / finer.factor;
-    let scaled =
-        |(low, high): (isize, isize)| (low.div_euclid(by as isize), high.div_euclid(by as isize));
+    let scaled = |(low, high): (isize, isize)| (low.div_euclid(by as isize), high.div_euclid(by as isize));
     let coarse = Tried { run: scaled(tried.run), reach: scaled(tried.reach) };
     let doubtful = doubtful(copies, guess, coarse, FLAT);
 
@@ -385,10 +369,7 @@ fn naive_fine([finer, copies]: [&Overview; 2], guess: Guess, tried: Tried) -> Ve
         };
         // A voter of the copies stands for a square here, also beyond the last row or column.
         let count = doubtful.iter().filter(|(y, x)| (y * by / 8, x * by / 8) == at).count();
-        (count * by * by >= 10)
-            .then(|| standing_out(least, tried.run))
-            .flatten()
-            .map(|one| (at, one))
+        (count * by * by >= 10).then(|| standing_out(least, tried.run)).flatten().map(|one| (at, one))
     };
     let blocks = (0..rows.div_ceil(8)).flat_map(|y| (0..cols.div_ceil(8)).map(move |x| (y, x)));
     let votes: Vec<Member> = blocks.filter_map(vote).collect();

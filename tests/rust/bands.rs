@@ -7,8 +7,8 @@ use crate::common::maps;
 use crate::common::naive::ResultBits;
 use crate::common::parts::{Slow, Stored, rows_of};
 use crate::common::{
-    LARGEST_PENALTY, OPTIMIZERS, affordable, blur_compensation, hash, input, inputs, levels, mask,
-    noises, random, robust, settings,
+    LARGEST_PENALTY, OPTIMIZERS, affordable, blur_compensation, hash, input, inputs, levels, mask, noises,
+    random, robust, settings,
 };
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Error;
@@ -71,8 +71,7 @@ impl PartsJob {
 
         let sums = sampled(self.stored.pair.size().0).into_iter().map(|rows| {
             let (pair, section) = self.section(&rows, &self.around(&rows));
-            let found =
-                matcher.match_raw(&pair, &section, &self.settings, execution, &Control::default());
+            let found = matcher.match_raw(&pair, &section, &self.settings, execution, &Control::default());
             let map = found.expect("legal rows");
             let confidence = map.confidence.expect("asked for");
             let (disparity, flags) = (map.disparity.as_slice(), map.flags.as_slice());
@@ -88,8 +87,7 @@ impl PartsJob {
 
     /// The result of a match of the whole.
     fn whole(&self, (matcher, execution): (&Matcher, Execution)) -> ResultBits {
-        let found =
-            matcher.match_pair(&self.stored.pair, &self.settings, execution, &Control::default());
+        let found = matcher.match_pair(&self.stored.pair, &self.settings, execution, &Control::default());
         ResultBits::new(found.expect("a legal match"))
     }
 
@@ -115,8 +113,7 @@ impl PartsJob {
         (matcher, execution): (&Matcher, Execution),
     ) -> ResultBits {
         let (pair, section) = self.section(rows, read);
-        let found =
-            matcher.match_rows(&pair, &section, &self.settings, execution, &Control::default());
+        let found = matcher.match_rows(&pair, &section, &self.settings, execution, &Control::default());
         ResultBits::new(found.expect("a legal part"))
     }
 
@@ -495,8 +492,7 @@ struct DraftMap {
 
 impl DraftMap {
     fn random(seed: u64, percent: u64) -> Self {
-        let maps::FlaggedMap { disparity, flags } =
-            maps::FlaggedMap::random((150, 24), percent, seed);
+        let maps::FlaggedMap { disparity, flags } = maps::FlaggedMap::random((150, 24), percent, seed);
 
         let lost = lost(seed);
         let flags = Plane::from_fn(150, 24, |y, x| {
@@ -563,8 +559,8 @@ fn each_stage_adds_its_reach() {
     // with what it sees.
     for (optimizer, rows) in [(Optimizer::WinnerTakesAll, 0), (Optimizer::SemiGlobal, 63 + 16)] {
         let settings = Settings { neighborhood: 9, window: 7, optimizer, ..nothing() };
-        let [fixed, shiftable] = [false, true]
-            .map(|shiftable| halo(&Settings { shiftable, ..settings.clone() }, None).images);
+        let [fixed, shiftable] =
+            [false, true].map(|shiftable| halo(&Settings { shiftable, ..settings.clone() }, None).images);
         assert_eq!([fixed, shiftable], [4 + 3 + rows, 4 + 6 + rows], "{optimizer:?}");
     }
 }
@@ -629,13 +625,14 @@ fn speckles_need_their_halo_and_no_more() {
     let halo = 20 + 32;
     assert_eq!(self::halo(&settings, None).map, halo);
 
-    let column = |length: usize| DraftMap {
-        disparity: Plane::from_fn(150, 24, |y, x| {
-            if x == 7 && (60..60 + length).contains(&y) { 9.0 } else { 1.0 }
-        }),
-        flags: Plane::from_fn(150, 24, |_, _| 0),
-        ..DraftMap::random(1, 0)
-    };
+    let column =
+        |length: usize| DraftMap {
+            disparity: Plane::from_fn(150, 24, |y, x| {
+                if x == 7 && (60..60 + length).contains(&y) { 9.0 } else { 1.0 }
+            }),
+            flags: Plane::from_fn(150, 24, |_, _| 0),
+            ..DraftMap::random(1, 0)
+        };
 
     for length in [19, 20, 21, 22] {
         for cut in [59, 60, 61, 70, 79, 80, 81, 82] {

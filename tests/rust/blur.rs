@@ -48,8 +48,7 @@ fn convolved(image: &Plane<f32>, taps: &Taps) -> Plane<f32> {
 fn shots(side: Side, taps: Option<&Taps>) -> [Plane<f32>; 2] {
     [(Side::Left, 0), (Side::Right, SHIFT)].map(|(of, shift)| {
         let sharp = scene(shift);
-        let taken =
-            taps.filter(|_| of == side).map_or(sharp.clone(), |taps| convolved(&sharp, taps));
+        let taken = taps.filter(|_| of == side).map_or(sharp.clone(), |taps| convolved(&sharp, taps));
 
         Plane::from_fn(SIZE.0, SIZE.1, |y, x| {
             let grain = (hash(90 + of as u64, y, x) % 1001) as f32 / 500.0 - 1.0;
@@ -108,10 +107,7 @@ fn check(found: &Estimate, side: Side, expected: Psf) {
 
     assert_eq!((blur.side, psf.family), (Some(side), expected.family), "{expected:?}: {psf:?}");
 
-    assert!(
-        (psf.size - expected.size).abs() <= (0.1 * expected.size).max(0.3),
-        "{expected:?}: {psf:?}"
-    );
+    assert!((psf.size - expected.size).abs() <= (0.1 * expected.size).max(0.3), "{expected:?}: {psf:?}");
 
     let turn = (psf.angle - expected.angle + 90.0).rem_euclid(180.0) - 90.0;
     assert!(turn.abs() <= 5.0, "{expected:?}: {psf:?}");
@@ -234,8 +230,7 @@ fn the_type_and_the_scale_of_the_pixels_hardly_matter() {
         let found = estimated(&pair(&shots, input));
         check(&found, Side::Right, expected);
 
-        let [one, other] =
-            [&plain, &found].map(|found| found.blurs[0].psf.map_or(0.0, |psf| psf.size));
+        let [one, other] = [&plain, &found].map(|found| found.blurs[0].psf.map_or(0.0, |psf| psf.size));
         assert!((one / other - 1.0).abs() < 0.01, "{one} {other}");
         assert!((plain.certainty - found.certainty).abs() < 0.01);
     }
@@ -246,9 +241,14 @@ fn nothing_depends_on_threads_or_instructions() {
     let mixed = {
         let [soft, _] = shots(Side::Left, Some(&Psf::disk(4.0).taps()));
         let [sharp, right] = shots(Side::Left, None);
-        let left = Plane::from_fn(SIZE.0, SIZE.1, |y, x| {
-            if x < SIZE.1 / 2 { soft.row(y)[x] } else { sharp.row(y)[x] }
-        });
+        let left =
+            Plane::from_fn(
+                SIZE.0,
+                SIZE.1,
+                |y, x| {
+                    if x < SIZE.1 / 2 { soft.row(y)[x] } else { sharp.row(y)[x] }
+                },
+            );
         [left, right]
     };
 
@@ -265,8 +265,7 @@ fn nothing_depends_on_threads_or_instructions() {
         for threads in 1..=4 {
             let matcher = Matcher::new(threads).expect("threads");
             for level in levels() {
-                let found =
-                    estimate(&pair, &matcher, execution(threads, level), &Control::default());
+                let found = estimate(&pair, &matcher, execution(threads, level), &Control::default());
                 assert_eq!(found.expect("it runs"), expected, "{threads} {}", level.name());
             }
         }
@@ -280,14 +279,7 @@ fn areas_of_different_blur_are_told_apart() {
     let [sharp, right] = shots(Side::Left, None);
 
     let edge = SIZE.1 / 2;
-    let left =
-        Plane::from_fn(
-            SIZE.0,
-            SIZE.1,
-            |y, x| {
-                if x < edge { soft.row(y)[x] } else { sharp.row(y)[x] }
-            },
-        );
+    let left = Plane::from_fn(SIZE.0, SIZE.1, |y, x| if x < edge { soft.row(y)[x] } else { sharp.row(y)[x] });
 
     let found = estimated(&pair(&[left, right], bytes));
     assert_eq!(found.blurs.len(), 2, "{found:?}");
@@ -298,9 +290,8 @@ fn areas_of_different_blur_are_told_apart() {
     let (rows, cols, labels) = &found.labels;
     assert_eq!((*rows, *cols), (SIZE.0.div_ceil(found.tile), SIZE.1.div_ceil(found.tile)));
 
-    let right_ones = (0..rows * cols)
-        .filter(|tile| (labels[*tile] == disk) == (tile % cols * found.tile < edge))
-        .count();
+    let right_ones =
+        (0..rows * cols).filter(|tile| (labels[*tile] == disk) == (tile % cols * found.tile < edge)).count();
     assert!(right_ones * 100 >= 85 * rows * cols, "{right_ones} of {}", rows * cols);
 }
 
@@ -312,8 +303,7 @@ fn roles_and_directions_may_be_swapped() {
     let swapped = pair_of([bytes(&right), bytes(&left)], -15, 16);
     check(&estimated(&swapped), Side::Right, expected);
 
-    let mirror =
-        |plane: &Plane<f32>| Plane::from_fn(SIZE.0, SIZE.1, |y, x| plane.row(y)[SIZE.1 - 1 - x]);
+    let mirror = |plane: &Plane<f32>| Plane::from_fn(SIZE.0, SIZE.1, |y, x| plane.row(y)[SIZE.1 - 1 - x]);
     let mirrored = pair(&[mirror(&right), mirror(&left)], bytes);
     check(&estimated(&mirrored), Side::Right, Psf::motion(11.0, 150.0));
 }
@@ -337,8 +327,7 @@ fn what_a_mask_covers_does_not_count() {
 
 #[test]
 fn images_without_texture_have_no_estimate() {
-    let view =
-        |rows, cols, pixel: fn(usize, usize) -> f32| bytes(&Plane::from_fn(rows, cols, pixel));
+    let view = |rows, cols, pixel: fn(usize, usize) -> f32| bytes(&Plane::from_fn(rows, cols, pixel));
     let noise: fn(usize, usize) -> f32 = |y, x| (hash(5, y, x) % 256) as f32;
     let flat: fn(usize, usize) -> f32 = |_, _| 77.0;
 
@@ -427,9 +416,7 @@ fn a_glance_sees_whether_blur_has_changed() {
         let before = estimated(&pair(state, bytes)).signature;
 
         for (then, other) in states.iter().enumerate() {
-            assert!(
-                levels().into_iter().all(|level| looks_as(&before, other, level) == (now == then))
-            );
+            assert!(levels().into_iter().all(|level| looks_as(&before, other, level) == (now == then)));
         }
 
         let brighter = state.each_ref().map(|plane| plane.map(|value| 0.9 * value + 12.0));

@@ -47,11 +47,7 @@ fn cameras_are_rectified_as_by_opencv() {
         [0.059_419_497_646, 0.998_148_088_273, 0.013_027_554_515],
         [0.090_206_063_372, -0.018_366_248_009, 0.995_753_758_248],
     ];
-    assert_near(
-        found.rotation.as_flattened().as_flattened(),
-        [left, right].concat().as_flattened(),
-        2e-8,
-    );
+    assert_near(found.rotation.as_flattened().as_flattened(), [left, right].concat().as_flattened(), 2e-8);
 
     let (focal, [cx, cy]) = (525.5, [410.544_809_341, 246.502_849_579]);
     let projection = |last| [[focal, 0.0, cx, last], [0.0, focal, cy, 0.0], [0.0, 0.0, 1.0, 0.0]];
@@ -95,11 +91,8 @@ fn cameras_that_are_straight_stay_as_they_are() {
     assert_eq!(found.rotation, [STRAIGHT; 2]);
 
     for (projection, last) in found.projection.into_iter().zip([0.0, -52.0]) {
-        let expected: Vec<f64> = camera
-            .iter()
-            .zip([last, 0.0, 0.0])
-            .flat_map(|([a, b, c], last)| [*a, *b, *c, last])
-            .collect();
+        let expected: Vec<f64> =
+            camera.iter().zip([last, 0.0, 0.0]).flat_map(|([a, b, c], last)| [*a, *b, *c, last]).collect();
         assert_near(projection.as_flattened(), &expected, 1e-4);
     }
 }
@@ -143,8 +136,7 @@ fn what_are_no_cameras_side_by_side_is_refused() {
     assert!(of(scaled, [-0.1, 0.0, 0.0]).is_err(), "no rotation");
     assert!(of([[0.0; 3]; 3], [-0.1, 0.0, 0.0]).is_err());
 
-    let mut flat =
-        Calibration::new(CAMERA, NONE, (STRAIGHT, [-0.1, 0.0, 0.0]), SIZE).expect("legal");
+    let mut flat = Calibration::new(CAMERA, NONE, (STRAIGHT, [-0.1, 0.0, 0.0]), SIZE).expect("legal");
     flat.projection[0][0][0] = 0.0;
     assert!(flat.places((4, 4), &Control::default()).is_err());
 }

@@ -8,9 +8,7 @@ use phasestereo_match::base::math;
 use phasestereo_match::base::plane::Plane;
 use phasestereo_match::base::simd::Level;
 use phasestereo_match::image::LARGEST_KERNEL;
-use phasestereo_match::image::convolution::{
-    GUARD, Kernel, KernelWeights, MOST_FRACTION, SHIFT, convolve,
-};
+use phasestereo_match::image::convolution::{GUARD, Kernel, KernelWeights, MOST_FRACTION, SHIFT, convolve};
 use phasestereo_match::image::intensity::Gray;
 use phasestereo_match::matcher::on_threads;
 use proptest::prelude::*;
@@ -138,9 +136,7 @@ fn any_size_of_image_and_kernel_equals_its_definition() {
         single(129, 129, (64, 64)),
     ];
 
-    assert!(
-        matches!(corner(129, (true, true)).weights(), KernelWeights::All(all) if all.rows() == 129)
-    );
+    assert!(matches!(corner(129, (true, true)).weights(), KernelWeights::All(all) if all.rows() == 129));
 
     for (rows, cols) in images {
         let plane = noise(rows, cols);
@@ -228,9 +224,7 @@ fn weights_are_within_a_step_of_the_taps_and_sum_to_a_power_of_two() {
     };
 
     let kernel = kernel(21, 21, disk).expect("a legal kernel");
-    let KernelWeights::All(weights) = kernel.weights() else {
-        panic!("a disk is not an outer product")
-    };
+    let KernelWeights::All(weights) = kernel.weights() else { panic!("a disk is not an outer product") };
     assert_eq!(total(weights), 1 << SHIFT);
 
     let inside = weights.as_slice().iter().filter(|weight| **weight > 0).count() as f64;
@@ -245,9 +239,7 @@ fn weights_are_within_a_step_of_the_taps_and_sum_to_a_power_of_two() {
     assert!(differing <= 2, "{differing} weights differ");
 
     let product = product(9, 5);
-    let KernelWeights::Factors { column, row } = product.weights() else {
-        panic!("an outer product")
-    };
+    let KernelWeights::Factors { column, row } = product.weights() else { panic!("an outer product") };
     assert_eq!([total(column), total(row)], [1 << SHIFT; 2]);
 }
 

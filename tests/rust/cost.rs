@@ -1,8 +1,6 @@
 //! Costs: lanes of bytes and words against single bits, levels and pixels.
 
-use crate::common::{
-    COUNTS, descriptors, gray_of, grays, hash, levels, mask, naive, random, view, views,
-};
+use crate::common::{COUNTS, descriptors, gray_of, grays, hash, levels, mask, naive, random, view, views};
 use crate::reference;
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Error;
@@ -71,14 +69,8 @@ fn ceilings_and_steps_are_those_of_the_unit() {
 
     let scale = |cost, bits| {
         let settings = Settings { cost, bits, ..Preset::Paper.settings() };
-        let costs = Costs::new(
-            [&color, &color],
-            candidates,
-            &settings,
-            None,
-            levels()[0],
-            &Control::default(),
-        );
+        let costs =
+            Costs::new([&color, &color], candidates, &settings, None, levels()[0], &Control::default());
 
         costs.map(|costs| (costs.ceiling(), costs.steps()))
     };
@@ -139,15 +131,9 @@ fn cancelled_costs_stop() {
     let candidates = Candidates::new(0, 2, 4).expect("in reach");
 
     let control = Control::default();
-    let costs = Costs::new(
-        [&left, &right],
-        candidates,
-        &Preset::Paper.settings(),
-        None,
-        levels()[0],
-        &control,
-    )
-    .expect("not cancelled");
+    let costs =
+        Costs::new([&left, &right], candidates, &Preset::Paper.settings(), None, levels()[0], &control)
+            .expect("not cancelled");
 
     control.cancel();
     assert_eq!(costs.volume(3, levels()[0], &control), Err(Error::Cancelled));

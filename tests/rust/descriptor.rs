@@ -2,9 +2,7 @@
 //! definition.
 
 use crate::common::naive::weak_threshold;
-use crate::common::{
-    descriptors, every_descriptor, grays, noise, noises, random, weak_descriptors,
-};
+use crate::common::{descriptors, every_descriptor, grays, noise, noises, random, weak_descriptors};
 use crate::reference;
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Error;
@@ -69,10 +67,7 @@ fn rows_of_any_length_equal_their_definition() {
             frequencies: (1, 1),
             ..Preset::Paper.settings()
         }) {
-            assert_eq!(
-                codes(&gray, &settings).widened(),
-                reference::describe(&gray, &settings, 0.0)
-            );
+            assert_eq!(codes(&gray, &settings).widened(), reference::describe(&gray, &settings, 0.0));
         }
     }
 }
@@ -81,17 +76,9 @@ fn rows_of_any_length_equal_their_definition() {
 fn the_largest_neighborhood_holds_the_brightest_image() {
     let extremes = Plane::from_fn(3, 70, |_, x| if x % 3 == 0 { 32_767_500 } else { -32_767_500 });
     for taper in [Taper::Uniform, Taper::Gaussian, Taper::Hann] {
-        let settings = Settings {
-            neighborhood: 63,
-            taper,
-            frequencies: (4, 4),
-            bits: 1,
-            ..Preset::Paper.settings()
-        };
-        assert_eq!(
-            codes(&extremes, &settings).widened(),
-            reference::describe(&extremes, &settings, 0.0)
-        );
+        let settings =
+            Settings { neighborhood: 63, taper, frequencies: (4, 4), bits: 1, ..Preset::Paper.settings() };
+        assert_eq!(codes(&extremes, &settings).widened(), reference::describe(&extremes, &settings, 0.0));
     }
 }
 
@@ -101,8 +88,7 @@ fn the_strongest_component_there_can_be_does_not_overflow() {
     let wave = |x: usize| math::cos(std::f64::consts::TAU * 4.0 * x as f64 / 63.0) > 0.0;
     let gray = Plane::from_fn(1, 126, |_, x| if wave(x) { 32_767_500 } else { -32_767_500 });
 
-    let settings =
-        Settings { neighborhood: 63, frequencies: (4, 0), bits: 4, ..Preset::Paper.settings() };
+    let settings = Settings { neighborhood: 63, frequencies: (4, 0), bits: 4, ..Preset::Paper.settings() };
 
     assert_eq!(codes(&gray, &settings).widened(), reference::describe(&gray, &settings, 0.0));
 }
@@ -114,9 +100,10 @@ fn codes_are_those_of_every_version() {
     let digest = |taper, neighborhood, bits| {
         let settings = Settings { taper, neighborhood, bits, ..Preset::Paper.settings() };
         let codes = codes(&gray, &settings).widened();
-        codes.as_slice().iter().fold(0xcbf2_9ce4_8422_2325u64, |hash, &code| {
-            (hash ^ code).wrapping_mul(0x0100_0000_01b3)
-        })
+        codes
+            .as_slice()
+            .iter()
+            .fold(0xcbf2_9ce4_8422_2325u64, |hash, &code| (hash ^ code).wrapping_mul(0x0100_0000_01b3))
     };
 
     assert_eq!(digest(Taper::Uniform, 7, 2), 0x9f02_3c2a_6bc4_4f98);

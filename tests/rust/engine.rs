@@ -67,8 +67,8 @@ fn check_codes(costs: &Costs, rows: &Range<usize>) {
     let Some(codes) = costs.codes() else { return };
     let (y, count) = (usize::midpoint(rows.start, rows.end), costs.candidates().count());
     let volume = costs.volume(y + 1, Level::best(), &Control::default()).expect("memory");
-    let [left, right] = [codes.left, codes.rights[0]]
-        .map(|plane| plane.row(y).chunks_exact(plane.cols() / codes.bytes));
+    let [left, right] =
+        [codes.left, codes.rights[0]].map(|plane| plane.row(y).chunks_exact(plane.cols() / codes.bytes));
 
     for (x, expected) in volume.row(y).chunks_exact(count).enumerate() {
         for (k, cost) in expected.iter().enumerate() {

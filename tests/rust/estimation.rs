@@ -45,10 +45,7 @@ fn texture(y: f64, x: f64) -> f64 {
         row(0) + vertical * (row(1) - row(0))
     };
 
-    [(13.0, 0.35), (7.0, 0.3), (4.0, 0.35)]
-        .iter()
-        .map(|(side, part)| part * shade(*side, *side as u64))
-        .sum()
+    [(13.0, 0.35), (7.0, 0.3), (4.0, 0.35)].iter().map(|(side, part)| part * shade(*side, *side as u64)).sum()
 }
 
 /// The disparity that the right image shows at a column.
@@ -153,8 +150,7 @@ fn settings() -> Settings {
 fn found(pair: &Pair, is_known: bool, threads: usize, level: Level) -> Estimates {
     let matcher = Matcher::new(threads).expect("threads");
     let control = Control::default();
-    let runtime =
-        Runtime { matcher: &matcher, execution: Execution { threads, level }, control: &control };
+    let runtime = Runtime { matcher: &matcher, execution: Execution { threads, level }, control: &control };
     let candidates = is_known.then(|| Fact::given(pair.candidates()));
     let facts = Facts { candidates, ..Facts::default() };
 
@@ -306,8 +302,7 @@ fn blur_that_follows_depth_has_the_disk_of_each_disparity() {
 
     let (rows, cols, labels) = &blur.labels;
     let of_side = |side: Side, columns: Range<usize>| {
-        let is_of =
-            |x: usize| blur.blurs[usize::from(labels[rows / 2 * cols + x])].side == Some(side);
+        let is_of = |x: usize| blur.blurs[usize::from(labels[rows / 2 * cols + x])].side == Some(side);
         columns.filter(|x| is_of(*x)).count()
     };
     // Far things are in the left half; the tiles at the jump are of either half.
@@ -400,9 +395,8 @@ fn a_part_is_straightened_as_the_whole() {
     for (first, end) in [(0, 40), (100, 150), (200, SIZE.0)] {
         let (top, bottom) = (first.max(halo) - halo, (end + halo).min(SIZE.0));
         let part = right.of_rows(top..bottom);
-        let part =
-            straightened(&part, &exact.clone().starting_at_row(top), Level::best(), &control)
-                .expect("memory");
+        let part = straightened(&part, &exact.clone().starting_at_row(top), Level::best(), &control)
+            .expect("memory");
         assert_eq!(part.of_rows(first - top..end - top), whole.of_rows(first..end));
     }
 }

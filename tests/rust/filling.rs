@@ -99,13 +99,7 @@ fn tall(rows: usize, is_trusted: impl Fn(usize) -> bool) -> FlaggedMap {
     let trusted = |y: usize, x: usize| x as u64 == hash(5, y, 0) % 3;
 
     let flags =
-        Plane::from_fn(
-            rows,
-            3,
-            |y, x| {
-                if is_trusted(y) && trusted(y, x) { 0 } else { flag::OCCLUDED }
-            },
-        );
+        Plane::from_fn(rows, 3, |y, x| if is_trusted(y) && trusted(y, x) { 0 } else { flag::OCCLUDED });
 
     FlaggedMap { disparity, flags }
 }
@@ -116,12 +110,10 @@ fn empty_rows_copy_up_to_the_largest_distance() {
     let map = tall(5 * REACH + 10, |y| seeds.contains(&y));
     let (disparity, flags) = filled(&map);
 
-    let stays =
-        |y: usize| disparity.row(y) == map.disparity.row(y) && flags.row(y) == [flag::OCCLUDED; 3];
+    let stays = |y: usize| disparity.row(y) == map.disparity.row(y) && flags.row(y) == [flag::OCCLUDED; 3];
 
     let of = |y: usize, seed: usize| {
-        disparity.row(y) == disparity.row(seed)
-            && flags.row(y) == [flag::OCCLUDED | flag::FILLED; 3]
+        disparity.row(y) == disparity.row(seed) && flags.row(y) == [flag::OCCLUDED | flag::FILLED; 3]
     };
 
     let [first, second, third] = seeds;

@@ -94,8 +94,7 @@ impl Case {
         let pair = Pair::of_inputs(given.clone(), 0, self.candidates as i64);
         let pair = compensated(pair.expect("a legal pair"), compensation.clone());
 
-        let plan =
-            Plan { settings: &self.settings, compensation: Some(&compensation), alignment: None };
+        let plan = Plan { settings: &self.settings, compensation: Some(&compensation), alignment: None };
         let halo = Halo::new(plan);
         let around = halo.rows() + halo.masked;
         let section = Section { rows: around..self.size.0 - around, ..Section::whole(&pair) };
@@ -156,16 +155,13 @@ fn matches_take_their_share_of_the_model() {
         let done = Command::new(&this).args(arguments).env(CASE, case.name).output().expect("it");
         let text = String::from_utf8_lossy(&done.stdout).into_owned();
         let share = text.lines().find_map(|line| line.split_once("share ")).map(|words| words.1);
-        share
-            .and_then(|share| share.parse::<f64>().ok())
-            .unwrap_or_else(|| panic!("{}: {text}", case.name))
+        share.and_then(|share| share.parse::<f64>().ok()).unwrap_or_else(|| panic!("{}: {text}", case.name))
     };
 
     let shares = cases().into_iter().map(|case| (measured(&case), case));
     // Threads are seldom all at their most at the same time.
-    let is_off = |found: f64, case: &Case| {
-        found > case.share + OFF || found < case.share - OFF * case.threads as f64
-    };
+    let is_off =
+        |found: f64, case: &Case| found > case.share + OFF || found < case.share - OFF * case.threads as f64;
     let wrong = shares.filter(|(found, case)| is_off(*found, case));
     let wrong = wrong.map(|(found, case)| format!("{}: {found:.2}, not {}", case.name, case.share));
     assert_eq!(wrong.collect::<Vec<_>>(), [""; 0]);

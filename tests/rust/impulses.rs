@@ -11,9 +11,7 @@ use proptest::prelude::*;
 use proptest::sample::select;
 
 fn repair(plane: &Plane<i32>, height: i32) -> Plane<i32> {
-    at_every_level(|level| {
-        repaired(plane, height, level, &Control::default()).expect("not cancelled")
-    })
+    at_every_level(|level| repaired(plane, height, level, &Control::default()).expect("not cancelled"))
 }
 
 /// Gray values with little noise and some impulses.

@@ -29,9 +29,8 @@ fn gray(view: &View) -> Plane<i32> {
 }
 
 fn bytes(rows: usize, cols: usize, channels: usize) -> impl Strategy<Value = Array3<u8>> {
-    prop::collection::vec(any::<u8>(), rows * cols * channels).prop_map(move |data| {
-        Array3::from_shape_vec((rows, cols, channels), data).expect("the right length")
-    })
+    prop::collection::vec(any::<u8>(), rows * cols * channels)
+        .prop_map(move |data| Array3::from_shape_vec((rows, cols, channels), data).expect("the right length"))
 }
 
 /// A gray float image of one row.
@@ -192,8 +191,7 @@ fn a_dead_pixel_does_not_coarsen_a_float_image() {
     };
 
     let (clean, dead) = (with(0.0), with(1e200));
-    let apart =
-        |y, x: usize| (clean.row(y)[x] - dead.row(y)[x]) - (clean.row(0)[0] - dead.row(0)[0]);
+    let apart = |y, x: usize| (clean.row(y)[x] - dead.row(y)[x]) - (clean.row(0)[0] - dead.row(0)[0]);
 
     // The range, which has 2^22 steps, ends a pixel earlier or later: by less than 0.1 %.
     assert!((0..40).all(|y| (0..40).all(|x| (y, x) == (9, 9) || apart(y, x).abs() <= 4096)));

@@ -81,22 +81,15 @@ fn the_map_of_the_right_image_is_that_of_the_exchanged_mirrored_pair() {
         let [first, second] = mirrored.clone();
         let expected = matcher.match_pair(second, first, 0..16).expect("a match");
         let same = |map: &phasestereo::Plane<f32>, other: &phasestereo::Plane<f32>| {
-            (0..rows * cols)
-                .all(|i| map.as_slice()[i].to_bits() == other.as_slice()[back(i)].to_bits())
+            (0..rows * cols).all(|i| map.as_slice()[i].to_bits() == other.as_slice()[back(i)].to_bits())
         };
         assert!(same(&found.disparity, &expected.disparity));
-        let both = [
-            (&found.confidence, &expected.confidence),
-            (&found.uncertainty, &expected.uncertainty),
-        ];
+        let both = [(&found.confidence, &expected.confidence), (&found.uncertainty, &expected.uncertainty)];
         assert!(both.iter().all(|(own, other)| match (own, other) {
             (Some(own), Some(other)) => same(own, other),
             (own, other) => own.is_none() && other.is_none(),
         }));
-        assert!(
-            (0..rows * cols)
-                .all(|i| found.flags.as_slice()[i] == expected.flags.as_slice()[back(i)])
-        );
+        assert!((0..rows * cols).all(|i| found.flags.as_slice()[i] == expected.flags.as_slice()[back(i)]));
         assert!((found.disparity.row(40)[60] - 5.0).abs() < 0.25, "right less left columns");
     }
 }
@@ -120,10 +113,7 @@ fn the_range_is_estimated_unless_it_is_given() {
 
     let [left, right] = images();
     let estimates = matcher.estimate(left, right, None).expect("estimates");
-    assert!(
-        estimates.range.is_some() || estimates.disparities() == (0..40),
-        "a third of the width"
-    );
+    assert!(estimates.range.is_some() || estimates.disparities() == (0..40), "a third of the width");
 
     let [left, right] = images();
     let estimates = matcher.estimate(left, right, -3..9).expect("estimates");
@@ -162,12 +152,8 @@ fn what_is_refused_is_named() {
 
     let mut settings = Preset::Fast.settings();
     settings.set("window", "4").expect("a number");
-    assert!(
-        Matcher::new(settings.clone(), 1).map_err(refused).expect_err("even").contains("window")
-    );
-    assert!(
-        settings.set("no such", "4").map_err(refused).expect_err("no field").contains("median")
-    );
+    assert!(Matcher::new(settings.clone(), 1).map_err(refused).expect_err("even").contains("window"));
+    assert!(settings.set("no such", "4").map_err(refused).expect_err("no field").contains("median"));
 
     let control = phasestereo::Control::default();
     control.cancel();

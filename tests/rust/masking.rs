@@ -53,11 +53,7 @@ fn empty_rows_copy_up_to_the_largest_distance() {
 
     let [first, second, third] = seeds;
 
-    assert_eq!(
-        filled.row(first + REACH),
-        filled.row(first),
-        "of two rows at one distance the upper one"
-    );
+    assert_eq!(filled.row(first + REACH), filled.row(first), "of two rows at one distance the upper one");
     assert_eq!(filled.row(first + REACH + 1), filled.row(second));
     assert_eq!(filled.row(second + REACH), filled.row(second));
     assert!(is_empty(second + REACH + 1), "one row too far from both");

@@ -7,8 +7,8 @@ use std::sync::Arc;
 use crate::common::naive::{self, ResultBits};
 use crate::common::parts;
 use crate::common::{
-    LARGEST_PENALTY, OPTIMIZERS, affordable, blur_compensation, eight_valid_pairs, hash, levels,
-    mask, noises, random, refinements, robust, settings, view, views,
+    LARGEST_PENALTY, OPTIMIZERS, affordable, blur_compensation, eight_valid_pairs, hash, levels, mask,
+    noises, random, refinements, robust, settings, view, views,
 };
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Error;
@@ -60,9 +60,7 @@ impl MatchJob {
     fn run_with(&self, matcher: &Matcher, execution: Execution) -> ResultBits {
         let control = Control::default();
 
-        let map = matcher
-            .match_pair(&self.pair, &self.settings, execution, &control)
-            .expect("a legal match");
+        let map = matcher.match_pair(&self.pair, &self.settings, execution, &control).expect("a legal match");
         assert_eq!(control.rows_done(), self.pair.size().0);
 
         ResultBits::new(map)
@@ -84,8 +82,7 @@ impl MatchJob {
     /// Bytes of the integers that are wide enough for the costs and the totals of this match.
     fn bytes(&self) -> usize {
         let (window, penalties) = naive::scale(&self.pair, &self.settings);
-        let is_masked =
-            Validity::new(self.pair.views(), self.pair.candidates()).expect("memory").is_some();
+        let is_masked = Validity::new(self.pair.views(), self.pair.candidates()).expect("memory").is_some();
 
         let total = match self.settings.optimizer {
             Optimizer::DynamicProgramming | Optimizer::WinnerTakesAll => 0,
@@ -225,12 +222,7 @@ fn settings_of_every_width() -> Vec<(Settings, usize)> {
     let sad = Settings { cost: CostKind::Sad, ..phase };
     let normalized = Settings { cost: CostKind::NormalizedSad, ..byte };
 
-    let by = |optimizer, (p1, p2), settings: &Settings| Settings {
-        optimizer,
-        p1,
-        p2,
-        ..settings.clone()
-    };
+    let by = |optimizer, (p1, p2), settings: &Settings| Settings { optimizer, p1, p2, ..settings.clone() };
     let of = |window, settings: &Settings| Settings { window, ..settings.clone() };
 
     let several = Settings { adaptive_p2: 0.5, ..by(SemiGlobal, dear, &phase) };
@@ -274,10 +266,8 @@ fn penalties_from_none_to_the_largest() {
     let ends = [0.0, LARGEST_PENALTY];
     for (p1, p2) in ends.into_iter().flat_map(|p1| ends.map(|p2| (p1, p2))) {
         for optimizer in OPTIMIZERS {
-            for (cost, window) in [(CostKind::Phase, 3), (CostKind::Phase, 31), (CostKind::Sad, 3)]
-            {
-                let settings =
-                    Settings { cost, window, optimizer, p1, p2, ..Preset::Paper.settings() };
+            for (cost, window) in [(CostKind::Phase, 3), (CostKind::Phase, 31), (CostKind::Sad, 3)] {
+                let settings = Settings { cost, window, optimizer, p1, p2, ..Preset::Paper.settings() };
                 MatchJob::new(shifted(4, 11, 3), 0, 9, settings).check();
             }
         }
@@ -342,8 +332,7 @@ fn windows_larger_than_the_image_and_single_pixels() {
     for (rows, cols, count) in [(1, 1, 1), (1, 40, 7), (40, 1, 1), (3, 4, 4), (65, 2, 2)] {
         for window in [1, 3, 31, 63] {
             for optimizer in OPTIMIZERS {
-                let settings =
-                    Settings { neighborhood: 5, window, optimizer, ..Preset::Paper.settings() };
+                let settings = Settings { neighborhood: 5, window, optimizer, ..Preset::Paper.settings() };
                 MatchJob::new(shifted(rows, cols, 1), 0, count, settings.clone()).check();
                 MatchJob::new(with_masks(shifted(rows, cols, 1), 60), 0, count, settings).check();
             }
@@ -454,8 +443,7 @@ fn in_classes(count: usize, size: (usize, usize), tile: usize) -> MatchJob {
     let tiles = (size.0.div_ceil(tile), size.1.div_ceil(tile));
     let labels = Plane::from_fn(tiles.0, tiles.1, |y, x| (hash(5, y, x) % count as u64) as u8);
 
-    let compensation =
-        BlurCompensation::new([0.5, 0.5], kernels, labels, tile).expect("legal compensation");
+    let compensation = BlurCompensation::new([0.5, 0.5], kernels, labels, tile).expect("legal compensation");
 
     let settings = Settings { noise_threshold: 1.0, confidence: false, ..Preset::Paper.settings() };
     let settings = Settings { neighborhood: 5, frequencies: (1, 1), window: 1, ..settings };
@@ -496,14 +484,9 @@ fn classes_that_change_nothing_change_nothing() {
     let known = job.pair.blur_compensation().expect("noise").noise();
 
     let labels = Plane::from_fn(3, 4, |y, x| (hash(1, y, x) % 3) as u8);
-    let same =
-        BlurCompensation::new(known, vec![[None, Some(moving(0))]; 3], labels, 16).expect("legal");
-    let alike = MatchJob {
-        pair: parts::compensated(job.pair.clone(), same),
-        settings: job.settings.clone(),
-    };
-    let plain =
-        MatchJob { pair: parts::compensated(job.pair, noise_alone(known)), settings: job.settings };
+    let same = BlurCompensation::new(known, vec![[None, Some(moving(0))]; 3], labels, 16).expect("legal");
+    let alike = MatchJob { pair: parts::compensated(job.pair.clone(), same), settings: job.settings.clone() };
+    let plain = MatchJob { pair: parts::compensated(job.pair, noise_alone(known)), settings: job.settings };
 
     let execution = execution(1, Level::best());
     assert!(alike.run(execution) == plain.run(execution));
@@ -540,8 +523,7 @@ fn layered(rows: usize, cols: usize) -> [View; 2] {
 fn compensated(job: MatchJob) -> MatchJob {
     let labels = Plane::from_fn(4, 7, |y, x| (hash(2, y, x) % 3) as u8);
     let kernels = vec![[None, None], [Some(moving(1)), None], [None, Some(moving(-2))]];
-    let compensation =
-        BlurCompensation::new([0.5, 1.5], kernels, labels, 11).expect("legal compensation");
+    let compensation = BlurCompensation::new([0.5, 1.5], kernels, labels, 11).expect("legal compensation");
 
     MatchJob { pair: parts::compensated(job.pair, compensation), ..job }
 }
@@ -637,8 +619,7 @@ fn low_confidence_is_masked_out() {
     let all = found_with(robust());
 
     // A third of all pixels has a lower confidence.
-    let mut least: Vec<_> =
-        all.confidence.iter().flatten().map(|bits| f32::from_bits(*bits)).collect();
+    let mut least: Vec<_> = all.confidence.iter().flatten().map(|bits| f32::from_bits(*bits)).collect();
     least.sort_by(f32::total_cmp);
     let least = f64::from(least[least.len() / 3]);
 
@@ -713,10 +694,7 @@ fn a_cancelled_match_stops_and_the_matcher_goes_on() {
     let matcher = Matcher::new(2).expect("threads start");
     let cancelled = Control::default();
     cancelled.cancel();
-    assert_eq!(
-        matcher.match_pair(&job.pair, &job.settings, execution, &cancelled),
-        Err(Error::Cancelled)
-    );
+    assert_eq!(matcher.match_pair(&job.pair, &job.settings, execution, &cancelled), Err(Error::Cancelled));
 
     // In the middle of a match, after some rows. A fast machine may be done by then.
     for rows in [1, 20, 100] {
@@ -755,9 +733,7 @@ fn settings_out_of_range_are_refused() {
     let execution = execution(1, Level::best());
 
     let refused = Matcher::new(execution.threads)
-        .and_then(|matcher| {
-            matcher.match_pair(&job.pair, &settings, execution, &Control::default())
-        })
+        .and_then(|matcher| matcher.match_pair(&job.pair, &settings, execution, &Control::default()))
         .expect_err("refused");
     assert!(refused.to_string().starts_with("window: got 65"), "{refused}");
 }
@@ -772,10 +748,7 @@ fn images_of_two_sizes_or_types_are_refused() {
         let inputs = [input(3, Image::U8), right];
         Pair::of_inputs(inputs, 0, 1).expect_err("refused").to_string()
     };
-    assert_eq!(
-        refused(input(2, Image::U8)),
-        "right: got 2 x 4 pixels; accepts the size of left, 3 x 4"
-    );
+    assert_eq!(refused(input(2, Image::U8)), "right: got 2 x 4 pixels; accepts the size of left, 3 x 4");
 
     let wide = input(3, |pixels| Image::U16(pixels.mapv(u16::from)));
     assert_eq!(refused(wide), "right: got pixels of another type; accepts the type of left");

@@ -5,8 +5,7 @@
 use std::ops::Range;
 
 use crate::common::{
-    COUNTS, LARGEST_ADAPTIVE, LARGEST_PENALTY, OPTIMIZERS, hash, heights, levels, naive, random,
-    widths,
+    COUNTS, LARGEST_ADAPTIVE, LARGEST_PENALTY, OPTIMIZERS, hash, heights, levels, naive, random, widths,
 };
 use crate::reference;
 use crate::reference::PixelEvidence;
@@ -23,8 +22,8 @@ use phasestereo_match::optimization::edges::Edges;
 use phasestereo_match::optimization::evidence::NONE;
 use phasestereo_match::optimization::panel_ranges::PanelRanges;
 use phasestereo_match::optimization::{
-    BAND, CandidateSearch, CostVolume, LARGEST_SUMMED_PENALTY, LOOKAHEAD_COLUMNS, LOOKAHEAD_ROWS,
-    PANEL, Penalties, Weighing, Workspace, optimize,
+    BAND, CandidateSearch, CostVolume, LARGEST_SUMMED_PENALTY, LOOKAHEAD_COLUMNS, LOOKAHEAD_ROWS, PANEL,
+    Penalties, Weighing, Workspace, optimize,
 };
 use phasestereo_match::pair::candidates::Searched;
 use phasestereo_match::settings::presets::Preset;
@@ -125,9 +124,7 @@ impl Volume {
         let size @ (rows, cols) = self.size();
         let calm = Control::default();
         let edges = match &self.gray {
-            Some((gray, threshold)) => {
-                Edges::new(&Texture::new(gray.clone()), *threshold, level, &calm)
-            }
+            Some((gray, threshold)) => Edges::new(&Texture::new(gray.clone()), *threshold, level, &calm),
             None => Edges::nowhere(cols),
         };
 
@@ -154,8 +151,7 @@ impl Volume {
             control,
         };
 
-        let nothing =
-            PixelEvidence { chosen: u16::MAX, best: NONE, second_best: NONE, offset: f32::NAN };
+        let nothing = PixelEvidence { chosen: u16::MAX, best: NONE, second_best: NONE, offset: f32::NAN };
         let mut found = Plane::from_fn(rows, cols, |_, _| nothing);
 
         let bands: Vec<_> = search.bands(0..rows).collect();
@@ -204,14 +200,14 @@ impl Volume {
 
     /// Compares one width of integers with the reference implementation.
     fn check_in<T: Value>(&self, expected: &Plane<PixelEvidence>, workspace: &mut Workspace<T>) {
-        for (level, weighs) in
-            levels().into_iter().flat_map(|level| [(level, true), (level, false)])
-        {
+        for (level, weighs) in levels().into_iter().flat_map(|level| [(level, true), (level, false)]) {
             let found = self.found(workspace, weighs, level, &Control::default()).expect("memory");
             let mut pairs = found.as_slice().iter().zip(expected.as_slice()).enumerate();
-            let wrong = pairs.find(|(_, (found, expected))| {
-                if weighs { found != expected } else { found.chosen != expected.chosen }
-            });
+            let wrong = pairs.find(
+                |(_, (found, expected))| {
+                    if weighs { found != expected } else { found.chosen != expected.chosen }
+                },
+            );
 
             assert!(
                 wrong.is_none(),
@@ -233,20 +229,8 @@ impl Volume {
 /// Largest costs, and penalties from none to more than any cost; often the largest that fit in bytes or
 /// words.
 fn scales() -> impl Strategy<Value = (u64, Penalties)> {
-    let largest = select(vec![
-        0,
-        1,
-        3,
-        20,
-        100,
-        200,
-        255,
-        256,
-        1000,
-        65_535,
-        1 << 20,
-        LARGEST_SUMMED_PENALTY,
-    ]);
+    let largest =
+        select(vec![0, 1, 3, 20, 100, 200, 255, 256, 1000, 65_535, 1 << 20, LARGEST_SUMMED_PENALTY]);
 
     largest.prop_flat_map(|largest| {
         let spare = if largest > 255 { 65_535u64 } else { 255 }.saturating_sub(largest);
@@ -271,11 +255,7 @@ fn scales() -> impl Strategy<Value = (u64, Penalties)> {
 /// The wanted rows and columns, reduced to what the reference implementation has time for.
 fn affordable(rows: usize, cols: usize, candidates: usize, is_wide: bool) -> (usize, usize) {
     let places = AFFORDABLE / candidates;
-    if is_wide {
-        (rows.min((places / cols).max(1)), cols)
-    } else {
-        (rows, cols.min((places / rows).max(1)))
-    }
+    if is_wide { (rows.min((places / cols).max(1)), cols) } else { (rows, cols.min((places / rows).max(1))) }
 }
 
 fn volumes() -> impl Strategy<Value = Volume> {
@@ -285,16 +265,10 @@ fn volumes() -> impl Strategy<Value = Volume> {
     let choices = (select(optimizers), prop::option::of(threshold), prop::option::of(any::<u64>()));
 
     (size, scales(), choices, any::<u64>()).prop_map(
-        |(
-            (rows, cols, candidates, is_wide),
-            (largest, penalties),
-            (optimizer, threshold, ranges),
-            seed,
-        )| {
+        |((rows, cols, candidates, is_wide), (largest, penalties), (optimizer, threshold, ranges), seed)| {
             let (rows, cols) = affordable(rows, cols, candidates, is_wide);
             let size = (rows, cols, candidates);
-            let volume =
-                Volume { ranges, ..Volume::new(size, largest, optimizer, penalties, seed) };
+            let volume = Volume { ranges, ..Volume::new(size, largest, optimizer, penalties, seed) };
 
             match threshold {
                 Some(threshold) => volume.with_gray(threshold, seed),
@@ -374,8 +348,7 @@ fn sizes_around_every_border() {
 
     for (index, (rows, cols, candidates)) in sizes.chain([(81, 97, 3), (3, 97, 97)]).enumerate() {
         for optimizer in OPTIMIZERS {
-            let volume =
-                Volume::new((rows, cols, candidates), 150, optimizer, penalties, index as u64);
+            let volume = Volume::new((rows, cols, candidates), 150, optimizer, penalties, index as u64);
             let volume = if index % 4 < 2 { volume.with_gray(1.0, 5) } else { volume };
             let volume = Volume { ranges: (index % 3 > 0).then_some(index as u64), ..volume };
             volume.check(&mut workspaces);
@@ -389,8 +362,7 @@ fn sizes_around_every_border() {
 fn totals_up_to_the_largest_are_exact() {
     let mut workspaces = Workspaces::default();
 
-    let of_bytes =
-        [(255, 0, 0), (200, 55, 55), (200, 55, 10), (200, 0, 55), (1, 254, 254), (0, 255, 255)];
+    let of_bytes = [(255, 0, 0), (200, 55, 55), (200, 55, 10), (200, 0, 55), (1, 254, 254), (0, 255, 255)];
     let of_words = [(65_535, 0, 0), (65_280, 255, 255), (255, 65_280, 65_280), (1, 0, 65_534)];
     let above = [(256, 0, 0), (200, 56, 56), (65_535, 1, 1), (1 << 28, 1 << 28, 1 << 28)];
     let all = of_bytes.into_iter().chain(of_words).chain(above);
@@ -405,8 +377,7 @@ fn totals_up_to_the_largest_are_exact() {
 
             for optimizer in OPTIMIZERS {
                 let costs = costs.clone();
-                let volume =
-                    Volume { costs, candidates, optimizer, penalties, gray: None, ranges: None };
+                let volume = Volume { costs, candidates, optimizer, penalties, gray: None, ranges: None };
                 let volume = if odds == 2 { volume.with_gray(1.0, 4) } else { volume };
                 volume.check(&mut workspaces);
             }
@@ -469,8 +440,7 @@ fn is_seen(
     let penalties = Penalties { p1: 200, p2: 200 };
     let volume = Volume { costs, candidates: 4, optimizer, penalties, gray: None, ranges: None };
 
-    let found =
-        volume.found(&mut Workspace::<u16>::default(), true, levels()[0], &Control::default());
+    let found = volume.found(&mut Workspace::<u16>::default(), true, levels()[0], &Control::default());
     found.expect("memory").row(from.0)[from.1].chosen != 0
 }
 
@@ -560,23 +530,14 @@ fn a_volume_is_optimized_as_a_whole_on_any_number_of_threads() {
 
 #[test]
 fn penalties_are_in_units_of_the_mean_cost() {
-    let window =
-        Window { rows: 1, cols: 1, candidates: 1, side: 9, ceiling: 14, ..Window::default() };
+    let window = Window { rows: 1, cols: 1, candidates: 1, side: 9, ceiling: 14, ..Window::default() };
     let settings = Settings { p1: 0.5, p2: 2.0, ..Preset::Paper.settings() };
 
-    assert_eq!(
-        Penalties::new(&settings, window, 1),
-        Penalties { p1: 41, p2: 162 },
-        "40.5 is rounded up"
-    );
+    assert_eq!(Penalties::new(&settings, window, 1), Penalties { p1: 41, p2: 162 }, "40.5 is rounded up");
     assert_eq!(Penalties::new(&settings, window, 16), Penalties { p1: 648, p2: 2592 });
 
     let coarse = Window { dropped: 2, ..window };
-    assert_eq!(
-        Penalties::new(&settings, coarse, 1),
-        Penalties { p1: 10, p2: 41 },
-        "40.5 / 4 and 162 / 4"
-    );
+    assert_eq!(Penalties::new(&settings, coarse, 1), Penalties { p1: 10, p2: 41 }, "40.5 / 4 and 162 / 4");
 
     let largest = LARGEST_PENALTY;
     let window = Window { side: 63, ..window };

@@ -11,8 +11,8 @@ use phasestereo::internals::estimation::blur::parts::PairRows;
 use phasestereo::internals::estimation::order::Signs;
 use phasestereo::internals::estimation::overview::{Guess, Overview, RoughMap};
 use phasestereo::internals::estimation::range::{
-    Copies, LeftOut, SearchRange, bands_at_ends, belongs, beyond, ends, extent, is_identical,
-    range, reach, signs,
+    Copies, LeftOut, SearchRange, bands_at_ends, belongs, beyond, ends, extent, is_identical, range, reach,
+    signs,
 };
 use phasestereo::internals::estimation::tracks::{BLOCK, Seed, Track, follow};
 use phasestereo_match::base::control::Control;
@@ -165,22 +165,17 @@ fn blocks_are_found_where_nine_tenths_of_both_are_valid() {
         let is_valid = |(side, (y, x)): (usize, (usize, usize))| {
             let mask = pair.views()[side].mask().expect("masked");
             let corner = |at: usize| (at / factor - BLOCK / 2) * factor;
-            let block =
-                (0..BLOCK * factor).flat_map(|dy| (0..BLOCK * factor).map(move |dx| (dy, dx)));
+            let block = (0..BLOCK * factor).flat_map(|dy| (0..BLOCK * factor).map(move |dx| (dy, dx)));
             let masked = block.filter(|(dy, dx)| !mask.row(corner(y) + dy)[corner(x) + dx]).count();
             10 * masked <= (BLOCK * factor).pow(2)
         };
-        let valid: Vec<_> = places
-            .filter(|(y, x)| [(0, (*y, *x)), (1, (*y, *x - 6))].into_iter().all(is_valid))
-            .collect();
+        let valid: Vec<_> =
+            places.filter(|(y, x)| [(0, (*y, *x)), (1, (*y, *x - 6))].into_iter().all(is_valid)).collect();
         assert!(4 * valid.len() > seeds.len() && valid.len() < seeds.len());
 
         let middle = |at: usize| (at / factor * factor) as f64 - 0.5;
         let expected: Vec<_> = valid.iter().map(|(y, x)| (middle(*y), middle(*x))).collect();
-        assert_eq!(
-            found.iter().map(|one| (one.place.y, one.place.x)).collect::<Vec<_>>(),
-            expected
-        );
+        assert_eq!(found.iter().map(|one| (one.place.y, one.place.x)).collect::<Vec<_>>(), expected);
         for Track { place: Seed { dx, dy, .. }, .. } in found {
             assert!((dx + 6.0).abs() < 0.6 && dy.abs() < 0.6, "{dx}, {dy}");
         }
@@ -219,8 +214,7 @@ fn a_range_holds_what_is_found_and_what_stands_before_it() {
             range(Copies { finest: copies, fine: copies, overview: &usual }, &map, runtime)
         })
     };
-    let found =
-        |halves, thing| range_of(&stage(halves, thing)).expect("it runs").expect("texture").range;
+    let found = |halves, thing| range_of(&stage(halves, thing)).expect("it runs").expect("texture").range;
 
     let plain = found([12, 40], 0);
     assert!((plain.low - 24.0).abs() < 1.0 && (plain.high - 80.0).abs() < 1.0, "{plain:?}");
@@ -294,8 +288,7 @@ fn bands_show_most_of_both_ends_and_the_border() {
     }
 
     let bands = bands_at_ends(&map(disparities), (3, 9), 2);
-    let expected =
-        [0, 3, 7, 9, 10, 11, 12, 13, 15, 23].map(|band| 2 * band..(2 * band + 2).min(47));
+    let expected = [0, 3, 7, 9, 10, 11, 12, 13, 15, 23].map(|band| 2 * band..(2 * band + 2).min(47));
     assert_eq!(bands, expected);
 }
 
@@ -312,9 +305,8 @@ fn nearer_disparities_are_tried_and_some_across_zero_on_coarse_copies() {
 
 #[test]
 fn an_area_belongs_to_the_range_if_it_is_certain_the_less_so_beside_it() {
-    let belongs = |span, seen, gain, run| {
-        belongs(&Area { rows: 0..9, columns: 0..9, span, size: 20, seen, gain }, run)
-    };
+    let belongs =
+        |span, seen, gain, run| belongs(&Area { rows: 0..9, columns: 0..9, span, size: 20, seen, gain }, run);
     assert!(belongs((40, 42), 14, 1000, (4, 20)) && !belongs((40, 42), 13, 1000, (4, 20)));
     assert!(!belongs((40, 42), 20, 999, (4, 20)));
 
@@ -336,9 +328,8 @@ fn places_beyond_the_candidates_are_left_out() {
     assert_eq!(LeftOut::new(&area, 4), place);
 
     let candidates = Candidates::new(-2, 12, 100).expect("legal");
-    let is_left_out = |low: f64, high: f64| {
-        !beyond(vec![LeftOut { low, high, ..place.clone() }], candidates).is_empty()
-    };
+    let is_left_out =
+        |low: f64, high: f64| !beyond(vec![LeftOut { low, high, ..place.clone() }], candidates).is_empty();
     assert!(is_left_out(-4.0, -1.5) && !is_left_out(-4.0, -1.0));
     assert!(is_left_out(8.0, 11.5) && !is_left_out(8.0, 11.0));
 }

@@ -197,9 +197,7 @@ fn naive_plane(
     out: &mut Disparity,
 ) -> Option<BTreeSet<Place>> {
     let size = (confidence.rows(), confidence.cols());
-    let near = |by: usize| {
-        places(size).filter(move |at| window(*at, by, size).any(|at| area.contains(&at)))
-    };
+    let near = |by: usize| places(size).filter(move |at| window(*at, by, size).any(|at| area.contains(&at)));
     let disparity = |(y, x): Place| map.disparity.row(y)[x];
     let mut weights = Plane::from_fn(size.0, size.1, |_, _| 0.0);
     for (y, x) in near(4).filter(|(y, x)| !faint.is_some_and(|faint| faint.row(*y)[*x])) {
@@ -217,8 +215,7 @@ fn naive_plane(
         sum
     });
     let sums: Vec<f64> = sums.collect();
-    let reached =
-        |k: usize| sums.iter().position(|sum| *sum >= sums[sums.len() - 1] / 2000.0 * k as f64);
+    let reached = |k: usize| sums.iter().position(|sum| *sum >= sums[sums.len() - 1] / 2000.0 * k as f64);
     let sample = |index: usize| {
         let (y, x) = heavy[index];
         [x as f64, y as f64, disparity((y, x)).into()]
@@ -261,8 +258,7 @@ fn naive_plane(
     let agrees = |at: &Place| weight(at) > 0.25 && (disparity(*at) - drawn(*at)).abs() < 1.0;
     let has_evidence = |at: Place| window(at, 4, size).any(|at| agrees(&at));
 
-    let nearby =
-        |plane: &Plane<f32>| Plane::from_fn(tiles.0, tiles.1, |y, x| naive_mean(plane, (y, x), 7));
+    let nearby = |plane: &Plane<f32>| Plane::from_fn(tiles.0, tiles.1, |y, x| naive_mean(plane, (y, x), 7));
     let (agree, all) = (nearby(&agree), nearby(&all));
     let mut found = BTreeSet::new();
     for (y, x) in near(2) {
@@ -306,8 +302,7 @@ fn naive_detail(gray: &Plane<i32>) -> Plane<f32> {
 /// The pixels that are deep in areas with at most so much detail.
 fn naive_blank(detail: &Plane<f32>, most: f32) -> BTreeSet<Place> {
     let size = (detail.rows(), detail.cols());
-    let every =
-        |at: Place, by: usize, is_in: &dyn Fn(Place) -> bool| window(at, by, size).all(is_in);
+    let every = |at: Place, by: usize, is_in: &dyn Fn(Place) -> bool| window(at, by, size).all(is_in);
     let is_blank = |(y, x): Place| detail.row(y)[x] <= most;
     let narrow: BTreeSet<Place> = places(size).filter(|at| every(*at, 2, &is_blank)).collect();
     let is_wide = |at: Place| window(at, 2, size).any(|at| narrow.contains(&at));
@@ -402,8 +397,7 @@ fn compared(pixels: &Plane<i32>, min: i64, map: &Disparity) -> [usize; 2] {
     let found = drawn(&pair, map.clone());
     let count = found.flags.as_slice().iter().filter(|flags| **flags & 1024 != 0).count();
 
-    let doubted =
-        found.confidence.iter().flat_map(Plane::as_slice).filter(|c| c.to_bits() == UNSEEN).count();
+    let doubted = found.confidence.iter().flat_map(Plane::as_slice).filter(|c| c.to_bits() == UNSEEN).count();
 
     assert!(ResultBits::new(found) == ResultBits::new(naive_planes(pixels, min, map)));
     [count, doubted]
@@ -512,11 +506,7 @@ fn known_at_outline(view: View, surface: impl Fn(usize, usize) -> f32) -> (Pair,
     let map = Disparity {
         disparity: Plane::from_fn(180, 260, disparity),
         flags: Plane::from_fn(180, 260, |_, _| flag::FILLED),
-        confidence: Some(Plane::from_fn(
-            180,
-            260,
-            |y, x| if is_unknown(y, x) { 0.2 } else { 0.95 },
-        )),
+        confidence: Some(Plane::from_fn(180, 260, |y, x| if is_unknown(y, x) { 0.2 } else { 0.95 })),
         uncertainty: Some(Plane::from_fn(180, 260, |_, _| 1.0)),
         wrong: None,
         detail: None,

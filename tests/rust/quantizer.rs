@@ -43,8 +43,8 @@ fn sectors_follow_the_argument_to_a_millionth() {
 
         for boundary in 0..sectors {
             let angle = std::f64::consts::TAU * boundary as f64 / sectors as f64;
-            let [before, after] = [boundary + sectors - 1, boundary]
-                .map(|sector| johnson(sector % (1 << bits), bits));
+            let [before, after] =
+                [boundary + sectors - 1, boundary].map(|sector| johnson(sector % (1 << bits), bits));
             let inside = std::f64::consts::PI / sectors as f64;
 
             assert_eq!(code(angle + 1e-6), after, "k = {power}, b = {bits}, from {boundary}");

@@ -86,8 +86,7 @@ pub fn normalize(plane: &Plane<u16>, window: usize) -> Plane<u16> {
     Plane::from_fn(plane.rows(), plane.cols(), |y, x| {
         let mut sum = 0i64;
         let mut squares = 0i64;
-        for (dy, dx) in (-radius..=radius).flat_map(|dy| (-radius..=radius).map(move |dx| (dy, dx)))
-        {
+        for (dy, dx) in (-radius..=radius).flat_map(|dy| (-radius..=radius).map(move |dx| (dy, dx))) {
             let (row, col) = (y as isize + dy, x as isize + dx);
             let value = plane.row(reflect(row, plane.rows()))[reflect(col, plane.cols())];
             sum += i64::from(value);
@@ -221,8 +220,8 @@ pub fn smooth_gray(plane: &Plane<i32>, deviation: f64, scale: f64) -> Plane<i32>
     };
 
     let gray = |y: usize, x: usize| f64::from(plane.row(y)[x]);
-    let noise = (deviation.min((1u64 << 40) as f64) * deviation.min((1u64 << 40) as f64))
-        .max(f64::MIN_POSITIVE);
+    let noise =
+        (deviation.min((1u64 << 40) as f64) * deviation.min((1u64 << 40) as f64)).max(f64::MIN_POSITIVE);
 
     let windows = Plane::from_fn(rows, cols, |y, x| {
         let center = mean(&gray, y, x);
@@ -249,12 +248,10 @@ pub fn describe(gray: &Plane<i32>, settings: &Settings, threshold: f64) -> Plane
 
     let larger = Settings { neighborhood: settings.neighborhood + 2, ..settings.clone() };
     let axes = components(gray, &larger, threshold, |c| c.u + c.v.unsigned_abs() == 1);
-    let all =
-        components(gray, &Settings { noise_threshold: 0.0, ..settings.clone() }, 0.0, |_| true);
+    let all = components(gray, &Settings { noise_threshold: 0.0, ..settings.clone() }, 0.0, |_| true);
 
     let (r, s) = settings.frequencies;
-    let bits =
-        (r.min(1) + s.min(1)) << (settings.bits - 1) << usize::from(settings.noise_threshold > 0.0);
+    let bits = (r.min(1) + s.min(1)) << (settings.bits - 1) << usize::from(settings.noise_threshold > 0.0);
 
     Plane::from_fn(gray.rows(), gray.cols(), |y, x| axes.row(y)[x] | all.row(y)[x] << bits)
 }
@@ -273,8 +270,7 @@ fn components(
     let tap = |f: isize, j: isize| {
         let filter = &basis.filters()[f.unsigned_abs()];
         let distance = j.unsigned_abs();
-        let imaginary =
-            i64::from(filter.odd[distance]) * j.signum() as i64 * if f < 0 { -1 } else { 1 };
+        let imaginary = i64::from(filter.odd[distance]) * j.signum() as i64 * if f < 0 { -1 } else { 1 };
         (i64::from(filter.even[distance]), imaginary)
     };
 
@@ -284,9 +280,7 @@ fn components(
         for (c, component) in basis.components().into_iter().filter(&counts).enumerate() {
             let mut re = 0;
             let mut im = 0;
-            for (dy, dx) in
-                (-radius..=radius).flat_map(|dy| (-radius..=radius).map(move |dx| (dy, dx)))
-            {
+            for (dy, dx) in (-radius..=radius).flat_map(|dy| (-radius..=radius).map(move |dx| (dy, dx))) {
                 let (row, col) = (y as isize + dy, x as isize + dx);
                 let pixel = gray.row(reflect(row, gray.rows()))[reflect(col, gray.cols())];
                 // The product of the filters along x and along y, (a + i b) (c + i d).
@@ -318,12 +312,7 @@ const TANGENTS: [f64; 7] = [
 /// i im` and its length, by the power of the spectrum and the bits of its phase. A boundary belongs to the
 /// sector counter-clockwise of it, zero to the first sector. With a weak level: the clearly negative parts,
 /// then the clearly positive ones.
-pub fn quantize(
-    re: i64,
-    im: i64,
-    (power, bits): (usize, usize),
-    weak: Option<f64>,
-) -> (u64, usize) {
+pub fn quantize(re: i64, im: i64, (power, bits): (usize, usize), weak: Option<f64>) -> (u64, usize) {
     if let Some(weak) = weak {
         let (a, b) = (re as f64, im as f64);
         let (a, b, weak) = match power {
@@ -344,8 +333,7 @@ pub fn quantize(
 
     // Sixteenths of a half turn up to the component, then its place among the levels of its power: these go
     // around once while it turns by a whole turn over the power.
-    let beyond =
-        TANGENTS.iter().filter(|tangent| x > 0 && y as f64 / x as f64 >= **tangent).count();
+    let beyond = TANGENTS.iter().filter(|tangent| x > 0 && y as f64 / x as f64 >= **tangent).count();
     let eighths = 8 * turns + beyond;
     let level = eighths * power * 2 * length / 32 % (2 * length);
 
@@ -368,11 +356,7 @@ pub fn phase_costs(left: &Plane<u64>, right: &Plane<u64>, candidates: Candidates
 }
 
 /// Reference implementation of [`phasestereo_match::cost::Costs::write`] for absolute differences.
-pub fn absolute_differences(
-    left: &Plane<u16>,
-    right: &Plane<u16>,
-    candidates: Candidates,
-) -> Plane<u16> {
+pub fn absolute_differences(left: &Plane<u16>, right: &Plane<u16>, candidates: Candidates) -> Plane<u16> {
     let (rows, cols, count) = (left.rows(), left.cols(), candidates.count());
 
     Plane::from_fn(rows, cols * count, |y, place| {
@@ -384,12 +368,7 @@ pub fn absolute_differences(
 
 /// Reference implementation of [`phasestereo_match::cost::zncc`]: the correlation of every two neighborhoods
 /// by itself.
-pub fn zncc(
-    left: &Plane<u16>,
-    right: &Plane<u16>,
-    candidates: Candidates,
-    side: usize,
-) -> Plane<u16> {
+pub fn zncc(left: &Plane<u16>, right: &Plane<u16>, candidates: Candidates, side: usize) -> Plane<u16> {
     let (rows, cols, count) = (left.rows(), left.cols(), candidates.count());
     let reach = (side / 2) as isize;
     let around = move || (-reach..=reach).flat_map(move |v| (-reach..=reach).map(move |u| (v, u)));
@@ -400,14 +379,12 @@ pub fn zncc(
             let row = (y as isize + v).clamp(0, rows as isize - 1) as usize;
             i64::from(plane.row(row)[(column + u).clamp(0, cols as isize - 1) as usize])
         };
-        let pairs =
-            || around().map(|at| (value(left, columns[0], at), value(right, columns[1], at)));
+        let pairs = || around().map(|at| (value(left, columns[0], at), value(right, columns[1], at)));
         let sum = |of: fn((i64, i64)) -> i64| pairs().map(of).sum::<i64>();
 
         let (l, r) = (sum(|(l, _)| l), sum(|(_, r)| r));
-        let spread = |squares: i64, sum: i64| {
-            ((pixels * squares - sum * sum + (16 * pixels).pow(2)) as f64).sqrt()
-        };
+        let spread =
+            |squares: i64, sum: i64| ((pixels * squares - sum * sum + (16 * pixels).pow(2)) as f64).sqrt();
         let spreads = spread(sum(|(l, _)| l * l), l) * spread(sum(|(_, r)| r * r), r);
         let correlation = (pixels * sum(|(l, r)| l * r) - l * r) as f64 / spreads;
         ((1.0 - correlation.clamp(-1.0, 1.0)) * 256.0).round_ties_even() as u16
@@ -487,8 +464,7 @@ pub fn in_order(costs: &[u32], candidates: usize, penalties: Penalties) -> Vec<u
             })
             .collect();
 
-        totals =
-            best.iter().zip(costs).map(|((total, _), &cost)| total + u64::from(cost)).collect();
+        totals = best.iter().zip(costs).map(|((total, _), &cost)| total + u64::from(cost)).collect();
         origins.push(best.into_iter().map(|(_, from)| from).collect());
     }
 
@@ -623,12 +599,7 @@ struct PathCosts<'a> {
 impl PathCosts<'_> {
     /// Totals of the paths that take steps of `(dy, dx)` through some rows and columns, at whose border they
     /// begin.
-    fn totals(
-        &self,
-        (dy, dx): (isize, isize),
-        rows: Range<usize>,
-        columns: Range<usize>,
-    ) -> Plane<u64> {
+    fn totals(&self, (dy, dx): (isize, isize), rows: Range<usize>, columns: Range<usize>) -> Plane<u64> {
         let Self { costs, candidates, .. } = *self;
         let mut totals = costs.map(|_| 0);
 
@@ -653,9 +624,7 @@ impl PathCosts<'_> {
                     vec![0; candidates]
                 };
 
-                for ((total, step), cost) in
-                    totals.row_mut(y)[places(x)].iter_mut().zip(steps).zip(costs)
-                {
+                for ((total, step), cost) in totals.row_mut(y)[places(x)].iter_mut().zip(steps).zip(costs) {
                     *total = step + u64::from(*cost);
                 }
             }
@@ -670,8 +639,7 @@ impl PathCosts<'_> {
     fn steps(&self, before: &[u64], least: u64, p2: u64) -> Vec<u64> {
         let step = |k: usize| {
             let beside = [k.checked_sub(1), Some(k + 1)].into_iter().flatten();
-            let changed =
-                beside.filter_map(|k| before.get(k)).map(|total| total + self.penalties.p1);
+            let changed = beside.filter_map(|k| before.get(k)).map(|total| total + self.penalties.p1);
             changed.chain([before[k], least + p2]).fold(u64::MAX, u64::min) - least
         };
         (0..before.len()).map(step).collect()
@@ -724,8 +692,7 @@ pub fn margin(chosen: u16, costs: &[u32]) -> PixelEvidence {
 fn found(chosen: usize, costs: &[u64], valley: &[u32]) -> PixelEvidence {
     // The neighbors of the chosen candidate see the same match.
     let others = costs.iter().enumerate().filter(|(k, _)| k.abs_diff(chosen) > 1);
-    let beside =
-        chosen.checked_sub(1).and_then(|below| valley.get(below)).zip(valley.get(chosen + 1));
+    let beside = chosen.checked_sub(1).and_then(|below| valley.get(below)).zip(valley.get(chosen + 1));
 
     PixelEvidence {
         chosen: chosen as u16,
@@ -811,8 +778,7 @@ pub fn confidences(map: VotedMap) -> Plane<f32> {
 
         let mut weight = 1.0;
         for &(dy, dx) in &pairs {
-            let [ahead, behind] =
-                [(dy, dx), (-dy, -dx)].map(|(dy, dx)| at(y, x, dy, dx).unwrap_or(missing));
+            let [ahead, behind] = [(dy, dx), (-dy, -dx)].map(|(dy, dx)| at(y, x, dy, dx).unwrap_or(missing));
 
             let inverse = |gray_there: f32| 1.0 + (gray_there - gray) * (gray_there - gray);
             let [a, b] = [inverse(ahead.1), inverse(behind.1)];
@@ -922,8 +888,7 @@ fn calibration_traits(
         };
         rows <= 768 || (0..3).any(of_band)
     };
-    let ends =
-        [candidates.min() as f32, (candidates.min() + candidates.count() as isize - 1) as f32];
+    let ends = [candidates.min() as f32, (candidates.min() + candidates.count() as isize - 1) as f32];
 
     let (mut sum, mut own, mut failed, mut at_end, mut all) = (0u64, 0u64, 0u64, 0u64, 0u64);
     for (y, x) in (0..rows).flat_map(|y| (0..cols).map(move |x| (y, x))) {
@@ -948,8 +913,7 @@ fn calibration_traits(
         }
     }
 
-    let of =
-        |part: u64, whole: u64| if whole == 0 { part as f64 } else { part as f64 / whole as f64 };
+    let of = |part: u64, whole: u64| if whole == 0 { part as f64 } else { part as f64 / whole as f64 };
     let mean = of(sum, own) / 1_048_576.0;
     let sure = log_odds(if mean < 0.4 { 0.4 } else { mean });
     let [noise, smoothing] = [BlurCompensation::noise, BlurCompensation::smoothing].map(|of| {
@@ -1005,11 +969,7 @@ pub fn check_row(choices: Choices, most: u16, flags: &[u16]) -> Vec<u16> {
 
 /// Reference implementation of [`phasestereo_match::refinement::speckles::flag_speckles`]: each region is
 /// walked from each of its pixels, until it is too large.
-pub fn flag_speckles(
-    disparity: &Plane<f32>,
-    flags: &Plane<u16>,
-    (size, range): (usize, f32),
-) -> Plane<u16> {
+pub fn flag_speckles(disparity: &Plane<f32>, flags: &Plane<u16>, (size, range): (usize, f32)) -> Plane<u16> {
     let (rows, cols) = (disparity.rows(), disparity.cols());
 
     let region = |y: usize, x: usize| {
@@ -1133,8 +1093,7 @@ pub fn synthesize(disparity: &Plane<f32>, soft: Soft) -> Plane<f32> {
     let side_of = |class: usize| softness(&soft.kernels[class]).map(|(side, _)| side);
 
     let left = maps.each_ref().map(|map| {
-        let distances: Vec<_> =
-            (0..soft.kernels.len()).map(|c| distances(map, soft, 0, c)).collect();
+        let distances: Vec<_> = (0..soft.kernels.len()).map(|c| distances(map, soft, 0, c)).collect();
 
         let of_class = |y: usize, x: usize| distances[soft.classes.row(y)[x]].as_ref();
         let all = Plane::from_fn(map.rows(), map.cols(), |y, x| {
@@ -1186,8 +1145,7 @@ fn rival(disparity: &Plane<f32>, is_largest: bool) -> Plane<f32> {
     Plane::from_fn(disparity.rows(), disparity.cols(), |y, x| {
         let own = disparity.row(y)[x];
 
-        let rows =
-            around(y, disparity.rows()).map(|row| &disparity.row(row)[around(x, disparity.cols())]);
+        let rows = around(y, disparity.rows()).map(|row| &disparity.row(row)[around(x, disparity.cols())]);
         let mut known: Vec<f32> = rows.flatten().copied().filter(|value| !value.is_nan()).collect();
         known.sort_by(f32::total_cmp);
 
@@ -1253,8 +1211,7 @@ fn from_right(map: &[f32], soft: Soft, y: usize) -> Vec<i32> {
         let end = (x..cols).find(|x| seen(*x).is_some()).unwrap_or(cols);
         let near = |other: &usize| start.saturating_sub(16) <= *other && *other < end + 16;
 
-        let brighter: Vec<_> =
-            (0..cols).filter(near).filter_map(|x| Some(shown(x)? - own(x))).collect();
+        let brighter: Vec<_> = (0..cols).filter(near).filter_map(|x| Some(shown(x)? - own(x))).collect();
         let mean = brighter.iter().sum::<i64>().div_euclid(brighter.len().max(1) as i64);
         (own(x) + mean).clamp(-soft.left.1, soft.left.1)
     };
@@ -1282,8 +1239,7 @@ pub fn guided_median(disparity: &Plane<f32>, gray: &Plane<i32>, is_wide: bool) -
 
     let (reach, stride, around_jumps) = if is_wide { (9, 3, 8) } else { (4, 2, 4) };
     let scale = (if is_wide { 15.9375 } else { 32.0 } / roughness) as f32;
-    let level =
-        |y: usize, x: usize| (gray.row(y)[x] as f32 * scale).clamp(-16_383.0, 16_383.0) as i32;
+    let level = |y: usize, x: usize| (gray.row(y)[x] as f32 * scale).clamp(-16_383.0, 16_383.0) as i32;
     let steps = |y: usize, x: usize| (disparity.row(y)[x] * 8.0) as i32;
 
     let weight = |difference: u32, [down, along]: [usize; 2]| {
@@ -1302,8 +1258,7 @@ pub fn guided_median(disparity: &Plane<f32>, gray: &Plane<i32>, is_wide: bool) -
     };
     let jumps = Plane::from_fn(rows, cols, is_jump);
 
-    let window =
-        |at: usize, by: usize, length: usize| at.saturating_sub(by)..(at + by + 1).min(length);
+    let window = |at: usize, by: usize, length: usize| at.saturating_sub(by)..(at + by + 1).min(length);
     let places = move |y: usize, x: usize, by: usize| {
         window(y, by, rows).flat_map(move |v| window(x, by, cols).map(move |u| (v, u)))
     };

@@ -87,8 +87,7 @@ impl Naive {
             let Seed { x, y, dx, dy } = track.place;
             let share = |at: f64, length: usize| (at + 0.5) / (length as f64 / 2.0) - 1.0;
             let t = terms(share(x + dx, SIZE.1), share(y, SIZE.0));
-            let off =
-                |value: &[f64; TERMS]| dy - (0..TERMS).map(|at| t[at] * value[at]).sum::<f64>();
+            let off = |value: &[f64; TERMS]| dy - (0..TERMS).map(|at| t[at] * value[at]).sum::<f64>();
             if off(&start).abs() > 3.0 {
                 continue;
             }
@@ -107,8 +106,7 @@ impl Naive {
         }
 
         if self.error() > 0.8 * before {
-            for (drift, (after, before)) in self.drift.iter_mut().zip(self.value.iter().zip(start))
-            {
+            for (drift, (after, before)) in self.drift.iter_mut().zip(self.value.iter().zip(start)) {
                 *drift = 0.995 * (*drift + 0.06 * (after - before));
             }
         }
@@ -149,8 +147,7 @@ fn the_field_of_rows_is_that_of_a_filter_of_single_blocks() {
         assert!(!found.sways && !found.is_moved, "{frame}: {}", found.moved);
         filter.update(&found);
 
-        let FieldFilter { value, drift, covariance, agreement: (blocks, spread), .. } =
-            filter.clone();
+        let FieldFilter { value, drift, covariance, agreement: (blocks, spread), .. } = filter.clone();
         naive.update(&tracks, spread);
         assert!((105..=126).contains(&blocks) && (0.05..0.11).contains(&spread));
         assert_near(&value, &naive.value, "value");
@@ -215,8 +212,7 @@ fn blocks_are_looked_for_in_each_cell_at_places_in_turns() {
                     };
                     let y = place(row, 11, 9, SIZE.0);
                     let columns = (0..14).map(|col| place(col, 7, 14, SIZE.1));
-                    let known = columns
-                        .filter(|x| disparity.row(y)[*x].is_finite() && flags.row(y)[*x] == 0);
+                    let known = columns.filter(|x| disparity.row(y)[*x].is_finite() && flags.row(y)[*x] == 0);
                     let seed = |x: usize| {
                         let dx = -f64::from(disparity.row(y)[x]);
                         let (x, y) = (x as f64, y as f64);
@@ -424,12 +420,9 @@ fn a_rig_as_text_is_read_back_and_anything_else_is_refused() {
     let text = written(&rig(0.5, 1)).expect("numbers");
     let json = text.lines().nth(1).expect("a second line");
     assert_eq!(signed(json), text);
-    for (from, to) in [
-        ("rig 2", "rig 1"),
-        ("\"frames\":7", "\"frames\":8"),
-        ("0.125", "0.126"),
-        ("rig 2 ", "rig 2 0"),
-    ] {
+    for (from, to) in
+        [("rig 2", "rig 1"), ("\"frames\":7", "\"frames\":8"), ("0.125", "0.126"), ("rig 2 ", "rig 2 0")]
+    {
         assert!(read(&text.replacen(from, to, 1)).is_err(), "{to}");
     }
 
@@ -487,8 +480,7 @@ fn a_rig_as_text_is_read_back_and_anything_else_is_refused() {
 fn a_text_of_which_anything_was_changed_is_refused_or_a_rig_that_can_be_used() {
     let text = written(&rig(0.5, 1)).expect("numbers");
     let json = text.lines().nth(1).expect("a second line");
-    let numbers =
-        ["0", "-1", "255", "1e308", "-1e308", "1e-308", "18446744073709551615", "null", "{}"];
+    let numbers = ["0", "-1", "255", "1e308", "-1e308", "1e-308", "18446744073709551615", "null", "{}"];
     let mut read_all = 0;
     for seed in 0..4000u64 {
         let mut changed = json.as_bytes().to_vec();
@@ -497,8 +489,7 @@ fn a_text_of_which_anything_was_changed_is_refused_or_a_rig_that_can_be_used() {
             let other = numbers[hash(3, seed as usize, change) as usize % numbers.len()];
             // A whole number in place of another one, or any byte.
             let is_part = |byte: &u8| byte.is_ascii_digit() || b"-+.e".contains(byte);
-            let first =
-                changed[..at].iter().rposition(|byte| !is_part(byte)).map_or(0, |at| at + 1);
+            let first = changed[..at].iter().rposition(|byte| !is_part(byte)).map_or(0, |at| at + 1);
             let end = at + changed[at..].iter().take_while(|byte| is_part(byte)).count();
             if first < end {
                 changed.splice(first..end, other.bytes());
@@ -507,10 +498,7 @@ fn a_text_of_which_anything_was_changed_is_refused_or_a_rig_that_can_be_used() {
             }
         }
         let changed = String::from_utf8(changed).expect("ASCII");
-        assert!(
-            changed == json || read(&text.replace(json, &changed)).is_err(),
-            "a wrong checksum"
-        );
+        assert!(changed == json || read(&text.replace(json, &changed)).is_err(), "a wrong checksum");
 
         // A right one: what is read can be asked, saved, and learn.
         let Ok(mut rig) = read(&signed(&changed)) else { continue };
@@ -530,10 +518,7 @@ fn a_text_of_which_anything_was_changed_is_refused_or_a_rig_that_can_be_used() {
 #[test]
 fn rows_blur_and_health_of_a_rig_change_where_frames_say_so() {
     let sentences = |rig: &Rig| -> Vec<String> {
-        rig.events.all()[2..]
-            .iter()
-            .map(|event| format!("{} {}", event.frame, event.sentence))
-            .collect()
+        rig.events.all()[2..].iter().map(|event| format!("{} {}", event.frame, event.sentence)).collect()
     };
     // So many frames until rows are straightened, or no more.
     let frames = |shift, straightens| {
@@ -573,8 +558,7 @@ fn rows_blur_and_health_of_a_rig_change_where_frames_say_so() {
     ];
     assert_eq!(sentences(&rig), expected);
     let expected = [[0.5; 3], [0.1; 3], [0.3; 3], [0.2; 3]].concat();
-    let expected =
-        expected.into_iter().fold(0.125, |health, wrong| health + (wrong - health) / 8.0);
+    let expected = expected.into_iter().fold(0.125, |health, wrong| health + (wrong - health) / 8.0);
     assert!((rig.health.expect("known") - expected).abs() < 1e-12);
 
     // Images of another size are of other cameras.

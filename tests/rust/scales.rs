@@ -29,8 +29,7 @@ pub fn random(salt: u64, y: usize, x: usize) -> f32 {
 /// A map whose confidences are low in some places and high in others.
 fn map((rows, cols): (usize, usize), salt: u64, scale: f32) -> Disparity {
     let patch = |y: usize, x: usize| random(salt, y / 9, x / 11);
-    let confidence =
-        |y: usize, x: usize| (0.7 * patch(y, x) + 0.3 * random(salt + 1, y, x)).clamp(0.0, 1.0);
+    let confidence = |y: usize, x: usize| (0.7 * patch(y, x) + 0.3 * random(salt + 1, y, x)).clamp(0.0, 1.0);
     let disparity = |y: usize, x: usize| {
         let is_missing = hash(salt + 2, y, x).is_multiple_of(17);
         if is_missing { f32::NAN } else { scale * (8.0 + 3.0 * random(salt + 3, y / 4, x / 6)) }
@@ -71,8 +70,7 @@ fn means_of_windows_are_those_of_every_window_by_itself() {
 
         let runtime = window_means(size, radius, |y| plane.row(y).iter().copied(), Level::best());
 
-        let naive =
-            Plane::from_fn(size.0, size.1, |y, x| naive_mean(&plane, (y, x), radius as isize));
+        let naive = Plane::from_fn(size.0, size.1, |y, x| naive_mean(&plane, (y, x), radius as isize));
         assert_eq!(runtime, Ok(naive), "{size:?}, {radius}");
     }
 }
@@ -98,8 +96,7 @@ fn naive_choice(fine: &Disparity, coarse: &Disparity, y: usize, x: usize) -> (f3
         (map.confidence.clone().expect("made so"), map.uncertainty.clone().expect("made so"))
     };
     let ((confidence, bars), (coarse_confidence, coarse_bars)) = (known(fine), known(coarse));
-    let as_it_is =
-        (fine.disparity.row(y)[x], fine.flags.row(y)[x], confidence.row(y)[x], bars.row(y)[x]);
+    let as_it_is = (fine.disparity.row(y)[x], fine.flags.row(y)[x], confidence.row(y)[x], bars.row(y)[x]);
 
     let stricter = |c: f32| c / (c + (1.0 - c) * 3.0);
     let lacking = confidence.map(|c| 1.0 - c);
@@ -135,8 +132,7 @@ fn the_choice_is_that_of_a_naive_one() {
         let mut fine = map(size, salt, 2.0);
         let coarse = map((size.0 / 2, size.1 / 2), salt + 9, 1.0);
         let before = fine.clone();
-        let doubt =
-            Doubt::of_map(&fine, Level::best()).expect("enough memory").expect("confidences");
+        let doubt = Doubt::of_map(&fine, Level::best()).expect("enough memory").expect("confidences");
 
         choose(&mut fine, &doubt, &coarse, Level::best()).expect("enough memory");
 
@@ -186,12 +182,7 @@ fn the_detail_of_a_map_is_the_mean_factor_of_the_copies_that_decided() {
     assert_eq!(alone.detail, None);
 }
 
-fn runtime<'a>(
-    matcher: &'a Matcher,
-    threads: usize,
-    level: Level,
-    control: &'a Control,
-) -> Runtime<'a> {
+fn runtime<'a>(matcher: &'a Matcher, threads: usize, level: Level, control: &'a Control) -> Runtime<'a> {
     Runtime { matcher, execution: Execution { threads, level }, control }
 }
 
@@ -252,9 +243,8 @@ fn blocks() -> Pair {
             let parts = [0, 1, 2].map(|part| random(salt + part, y, x));
             60.0 * (parts.iter().sum::<f32>() - 1.5)
         };
-        let pixel = |(y, x, _)| {
-            (48.0 + texture(y, x as f32 + 20.0 + shift) + noise(y, x)).clamp(0.0, 255.0) as u8
-        };
+        let pixel =
+            |(y, x, _)| (48.0 + texture(y, x as f32 + 20.0 + shift) + noise(y, x)).clamp(0.0, 255.0) as u8;
         Input::from(Image::U8(Array3::from_shape_fn((260, 300, 1), pixel)))
     };
     Pair::of_inputs([image(20, 0.0), image(30, 14.0)], 0, 32).expect("a legal pair")
@@ -278,8 +268,7 @@ fn copies_decide_where_the_pair_has_no_evidence_with_the_same_bits_everywhere() 
     assert!(found.detail.is_some_and(|detail| (2.0..=4.0).contains(&detail)), "{:?}", found.detail);
     assert!(found.flags.as_slice().iter().all(|flags| *flags < 4096));
 
-    for (threads, level) in levels().into_iter().map(|level| (1, level)).chain([(3, Level::best())])
-    {
+    for (threads, level) in levels().into_iter().map(|level| (1, level)).chain([(3, Level::best())]) {
         let other = result(threads, level);
         assert_eq!(other.disparity, found.disparity);
         assert_eq!(other.flags, found.flags);
@@ -354,8 +343,7 @@ fn a_panel_is_searched_where_its_copy_matches() {
     // Where nothing matches all are searched.
     assert_eq!((span(700, 300), span(803, 899)), ((0, 400), (0, 400)));
 
-    for (threads, level) in levels().into_iter().map(|level| (1, level)).chain([(3, Level::best())])
-    {
+    for (threads, level) in levels().into_iter().map(|level| (1, level)).chain([(3, Level::best())]) {
         assert_eq!(ranges(&deep(), threads, level).as_ref(), Some(&found));
     }
 

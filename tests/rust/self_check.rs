@@ -41,9 +41,7 @@ fn digests_are_those_of_every_platform() {
 #[test]
 fn pairs_show_a_box_in_front_of_a_wall() {
     let size = (240, 320);
-    for fault in
-        [Fault::None, Fault::Defocus, Fault::Motion, Fault::Noise, Fault::Rows, Fault::Floats]
-    {
+    for fault in [Fault::None, Fault::Defocus, Fault::Motion, Fault::Noise, Fault::Rows, Fault::Floats] {
         let [left, right] = pair(fault, size, 0);
         let pair = Pair::of_any([left, right], 0, 1).expect("a pair");
         let (matcher, control) = (Matcher::new(2).expect("threads"), Control::default());
@@ -61,8 +59,7 @@ fn pairs_show_a_box_in_front_of_a_wall() {
 
 /// The median disparity of some rows and columns.
 fn median(map: &Plane<f32>, rows: (usize, usize), cols: (usize, usize)) -> f32 {
-    let mut values: Vec<f32> =
-        (rows.0..rows.1).flat_map(|y| map.row(y)[cols.0..cols.1].to_vec()).collect();
+    let mut values: Vec<f32> = (rows.0..rows.1).flat_map(|y| map.row(y)[cols.0..cols.1].to_vec()).collect();
     values.sort_by(f32::total_cmp);
     values[values.len() / 2]
 }

@@ -224,8 +224,7 @@ fn blur_beside_masks_is_that_of_the_whole() {
 fn images_without_texture_or_valid_pixels_have_no_estimate() {
     let sizes = [(1, 1), (63, 200), (200, 63), (64, 64), (300, 70)];
     for size in sizes {
-        let flat =
-            pair([70.0, 71.0].map(|value| input(&Plane::from_fn(size.0, size.1, |_, _| value), 0)));
+        let flat = pair([70.0, 71.0].map(|value| input(&Plane::from_fn(size.0, size.1, |_, _| value), 0)));
 
         let expected = estimated(&flat, None, 1);
         assert!(expected.certainty <= 0.0);
@@ -233,9 +232,8 @@ fn images_without_texture_or_valid_pixels_have_no_estimate() {
     }
 
     let views = shots((200, 100), None, |_, _| true).map(|plane| input(&plane, 2));
-    let nowhere = pair(
-        views.map(|input| Input { mask: Some(Mask::from_fn(200, 100, |_, _| false)), ..input }),
-    );
+    let nowhere =
+        pair(views.map(|input| Input { mask: Some(Mask::from_fn(200, 100, |_, _| false)), ..input }));
     check(&nowhere, &estimated(&nowhere, None, 1));
 }
 
@@ -311,9 +309,7 @@ fn noise(rows: usize, cols: usize, kind: usize, percent: Option<u64>, seed: u64)
         let lost = seed as usize % (rows + 1);
 
         Mask::from_fn(rows, cols, |y, x| {
-            some.row(y)[x]
-                && !(lost..lost + rows / 2).contains(&y)
-                && !hash(seed, y, cols).is_multiple_of(9)
+            some.row(y)[x] && !(lost..lost + rows / 2).contains(&y) && !hash(seed, y, cols).is_multiple_of(9)
         })
     });
 
@@ -420,8 +416,7 @@ fn ranges_of_large_images_are_those_of_their_sample() {
 #[test]
 fn an_image_whose_sample_is_of_one_value_has_the_range_of_all() {
     // Of 256 x 1024 pixels every fourth is looked at.
-    let odd =
-        |value: f32| Plane::from_fn(256, 1024, |y, x| if (y, x) == (200, 2) { value } else { 9.0 });
+    let odd = |value: f32| Plane::from_fn(256, 1024, |y, x| if (y, x) == (200, 2) { value } else { 9.0 });
     for (value, most_rows) in [(30.0, 64), (-30.0, 256), (9.0, 64)] {
         let views = [odd(value), odd(9.5)].map(|plane| input(&plane, 2));
         check_scales(&pair(views), most_rows).expect("that of all pixels");

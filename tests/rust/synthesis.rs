@@ -26,8 +26,7 @@ fn redrawn(disparity: &Plane<f32>, pair: &Pair, settings: &Settings) -> Plane<f3
     drawn(disparity, |out, level| {
         let views = pair.views();
         let compensation = pair.blur_compensation();
-        let Some(pair) = BlurredPair::new(views, compensation, 0..rows, settings, level, &control)?
-        else {
+        let Some(pair) = BlurredPair::new(views, compensation, 0..rows, settings, level, &control)? else {
             out.as_mut_slice().copy_from_slice(disparity.as_slice());
             return Ok(());
         };
@@ -72,9 +71,7 @@ const LAYERS: [f32; 2] = [3.0, 9.0];
 fn square(by: usize) -> Plane<f32> {
     let is_near = |at: usize, from: usize, to: usize| (from - by..to + by).contains(&at);
 
-    Plane::from_fn(SIZE.0, SIZE.1, |y, x| {
-        LAYERS[usize::from(is_near(y, 20, 50) && is_near(x, 30, 65))]
-    })
+    Plane::from_fn(SIZE.0, SIZE.1, |y, x| LAYERS[usize::from(is_near(y, 20, 50) && is_near(x, 30, 65))])
 }
 
 /// The pair that shows the square, with one soft image.
@@ -130,12 +127,7 @@ fn fattened_surfaces_shrink_to_their_size() {
         let before = square(4);
         let after = redrawn(&before, &pair, &settings);
 
-        assert!(
-            wrong(&after) * 4 < wrong(&before),
-            "{side}: {} of {}",
-            wrong(&after),
-            wrong(&before)
-        );
+        assert!(wrong(&after) * 4 < wrong(&before), "{side}: {} of {}", wrong(&after), wrong(&before));
         assert!(wrong(&redrawn(&square(0), &pair, &settings)) < 60, "{side}: stays");
     }
 }

@@ -102,9 +102,8 @@ fn sequence((rows, cols): (usize, usize), kind: u8, seed: u64) -> Vec<Frame> {
         map: map(
             Plane::from_fn(rows, cols, |y, x| disparity(time, y, x)),
             Plane::from_fn(rows, cols, |y, x| hash(seed ^ time, y, x) as u16),
-            has_confidence.then(|| {
-                Plane::from_fn(rows, cols, |y, x| (hash(!time, y, x) % 101) as f32 / 100.0)
-            }),
+            has_confidence
+                .then(|| Plane::from_fn(rows, cols, |y, x| (hash(!time, y, x) % 101) as f32 / 100.0)),
         ),
     };
 
@@ -141,8 +140,7 @@ impl NaiveView {
         }
 
         let (before, inverse) = (self.before.clone(), 1.0 / noise((rows, cols), gray));
-        let (image_rows, image_cols, gray) =
-            (rows, cols, |y, x| gray(CHANGE_STEP * y, CHANGE_STEP * x));
+        let (image_rows, image_cols, gray) = (rows, cols, |y, x| gray(CHANGE_STEP * y, CHANGE_STEP * x));
         let (rows, cols) = (rows.div_ceil(CHANGE_STEP), cols.div_ceil(CHANGE_STEP));
 
         let places = (0..rows * cols).map(|index| (index / cols, index % cols));
@@ -208,8 +206,7 @@ fn gain(mut quotients: Vec<f32>) -> f32 {
 
 /// The reference implementation of the variance of the noise.
 fn noise((rows, cols): (usize, usize), gray: impl Fn(usize, usize) -> f32) -> f32 {
-    let (down, across) =
-        (rows.saturating_sub(2) / NOISE_BLOCK, cols.saturating_sub(2) / NOISE_BLOCK);
+    let (down, across) = (rows.saturating_sub(2) / NOISE_BLOCK, cols.saturating_sub(2) / NOISE_BLOCK);
     let step = (down * across).div_ceil(NOISE_BLOCKS).max(1);
     let second = |y: usize, x: usize| {
         let column = |x: usize| gray(y - 1, x) + gray(y + 1, x) - 2.0 * gray(y, x);
@@ -264,8 +261,7 @@ fn expected(frames: &[Frame]) -> Vec<Seen> {
         let (mut map, mut support) = (frame.map.clone(), Plane::from_fn(rows, cols, |_, _| 1));
         for y in (0..rows).filter(|_| frames.rows() > 0) {
             for x in 0..cols {
-                let (new, was, count) =
-                    (map.disparity.row(y)[x], old.disparity.row(y)[x], frames.row(y)[x]);
+                let (new, was, count) = (map.disparity.row(y)[x], old.disparity.row(y)[x], frames.row(y)[x]);
                 let seen = |disparity: f32| {
                     let place = (x as f32 - disparity).round_ties_even();
                     let is_inside = place >= 0.0 && place < cols as f32;
@@ -356,9 +352,7 @@ const SIZE: (usize, usize) = (30, 50);
 /// The disparity, flags and support in the middle of each frame.
 fn in_the_middle(frames: &[Frame]) -> Vec<(f32, u16, u8)> {
     let at = SIZE.0 / 2 * SIZE.1 + SIZE.1 / 2;
-    let of = |(disparity, flags, _, support): Seen| {
-        (f32::from_bits(disparity[at]), flags[at], support[at])
-    };
+    let of = |(disparity, flags, _, support): Seen| (f32::from_bits(disparity[at]), flags[at], support[at]);
     filtered(frames, Level::best()).into_iter().map(of).collect()
 }
 
@@ -434,9 +428,7 @@ fn nothing_is_carried_over_to_another_size_range_or_other_settings() {
     ];
     for (next, settings_of_next, expected) in next {
         let mut filter = TemporalFilter::new();
-        for (frame, settings, expected) in
-            [(&first, &settings, 1), (next, settings_of_next, expected)]
-        {
+        for (frame, settings, expected) in [(&first, &settings, 1), (next, settings_of_next, expected)] {
             let mut map = frame.map.clone();
             let support = filter.apply(&frame.pair, settings, &mut map, level, &control);
             let support = support.expect("not cancelled");
@@ -450,8 +442,7 @@ fn a_cancelled_frame_is_forgotten_with_all_before_it() {
     let (level, settings, frame) = (Level::best(), Settings::default(), still(0, 1, 4.0, SIZE));
     let mut filter = TemporalFilter::new();
     let mut support = |control: &Control| {
-        let support =
-            filter.apply(&frame.pair, &settings, &mut frame.map.clone(), level, control)?;
+        let support = filter.apply(&frame.pair, &settings, &mut frame.map.clone(), level, control)?;
         Ok::<_, Error>(support.row(0)[0])
     };
     let (calm, cancelled) = (Control::default(), Control::default());

@@ -126,10 +126,9 @@ fn any_two_columns_cost_what_the_volume_has() {
 
             let candidates = Candidates::new(-9, 20, COLS).expect("legal");
             let control = Control::default();
-            let volume =
-                Costs::new([left, right], candidates, &settings, None, levels()[0], &control)
-                    .and_then(|costs| costs.volume(ROWS, levels()[0], &control))
-                    .expect("memory");
+            let volume = Costs::new([left, right], candidates, &settings, None, levels()[0], &control)
+                .and_then(|costs| costs.volume(ROWS, levels()[0], &control))
+                .expect("memory");
 
             let is_valid = |view: &View, y: usize, x: usize| view.is_valid(y, x);
             for (y, x) in window(ROWS / 2, COLS / 2, COLS) {
@@ -155,8 +154,7 @@ fn evidence_is_what_its_definition_says() {
     for is_masked in [false, true] {
         let [left, right] = &views(is_masked);
         let costs = any_columns([left, right], &settings());
-        let found =
-            against(&map, &own, &costs, Level::best(), &Control::default()).expect("memory");
+        let found = against(&map, &own, &costs, Level::best(), &Control::default()).expect("memory");
 
         for (y, x) in window(0, 0, ROWS) {
             let here = side(&map, &own, y, x);
@@ -169,11 +167,8 @@ fn evidence_is_what_its_definition_says() {
                 pixels += 1;
             }
 
-            let expected = if here == 0 {
-                0.0
-            } else {
-                (sum as f64 / 256.0 / (f64::from(pixels) + 4.0).sqrt()) as f32
-            };
+            let expected =
+                if here == 0 { 0.0 } else { (sum as f64 / 256.0 / (f64::from(pixels) + 4.0).sqrt()) as f32 };
             told += i32::from(expected != 0.0);
             assert_eq!(found.row(y)[x].to_bits(), expected.to_bits(), "{y} {x}");
         }
@@ -190,8 +185,7 @@ fn judged(map: &Plane<f32>, own: &Disparity, against: f32, y: usize, x: usize) -
     };
     let confidence = own.confidence.as_ref().expect("confidences");
     let mean = |places: Vec<(usize, usize)>| {
-        let whole: u64 =
-            places.iter().map(|(v, u)| (confidence.row(*v)[*u] * 1_048_576.0) as u64).sum();
+        let whole: u64 = places.iter().map(|(v, u)| (confidence.row(*v)[*u] * 1_048_576.0) as u64).sum();
         whole as f64 / 1_048_576.0 / places.len() as f64
     };
 
@@ -207,14 +201,12 @@ fn judged(map: &Plane<f32>, own: &Disparity, against: f32, y: usize, x: usize) -
 
     let around = || window(y, x, 3).map(|(v, u)| map.row(v)[u]).filter(|claim| claim.is_finite());
     let jump = around().fold(f32::NEG_INFINITY, f32::max) - around().fold(f32::INFINITY, f32::min);
-    let nowhere = window(y, x, 3)
-        .map(|(v, u)| (own.disparity.row(v)[u] - claim).abs())
-        .fold(f32::INFINITY, f32::min);
+    let nowhere =
+        window(y, x, 3).map(|(v, u)| (own.disparity.row(v)[u] - claim).abs()).fold(f32::INFINITY, f32::min);
 
     let column = |u: usize| (u as f32 - map.row(y)[u]).round() as i64;
     let is_seen = (0..COLS as i64).contains(&column(x));
-    let is_hidden =
-        is_seen && (0..COLS).any(|u| map.row(y)[u] > claim + 1.0 && column(u) == column(x));
+    let is_hidden = is_seen && (0..COLS).any(|u| map.row(y)[u] > claim + 1.0 && column(u) == column(x));
 
     let by = (matched - claim).abs();
     let beyond = f64::from(by) - 1.0;
@@ -317,8 +309,7 @@ fn fused_pixel(
 #[test]
 fn two_maps_become_what_the_definition_says() {
     let uncertainty = Plane::from_fn(ROWS, COLS, |y, x| 2.0 * share(22, y, x));
-    let (map, own, chances) =
-        (claims(), Disparity { uncertainty: Some(uncertainty), ..own() }, chances());
+    let (map, own, chances) = (claims(), Disparity { uncertainty: Some(uncertainty), ..own() }, chances());
     for (wrong, share) in [(0.1, 0.25), (0.3, 0.5)] {
         for level in levels() {
             let found = fuse(own.clone(), &map, &chances, wrong, level, &Control::default());
@@ -352,8 +343,7 @@ fn traits_are_what_their_definition_says() {
         let p = p.clamp(0.003, 0.997);
         ln(p / (1.0 - p))
     };
-    let texture =
-        |y: usize, x: usize| f64::from((gray.row(y)[x] - gray.row(y)[x.max(1) - 1]).abs());
+    let texture = |y: usize, x: usize| f64::from((gray.row(y)[x] - gray.row(y)[x.max(1) - 1]).abs());
     let all: Vec<_> = window(0, 0, ROWS).collect();
     let mean = |places: &[(usize, usize)], value: &dyn Fn(usize, usize) -> f64| {
         places.iter().map(|(v, u)| value(*v, *u)).sum::<f64>() / places.len() as f64

@@ -135,8 +135,7 @@ impl Found {
         let of_range = |value: fn(&_) -> f64| range.as_ref().map_or(f64::NAN, value);
         let of_rows = |value: fn(&_) -> f64| offsets.as_ref().map_or(f64::NAN, value);
         let of_blur = |value: fn(&_) -> f64| blur.as_ref().map_or(f64::NAN, value);
-        let of_both =
-            |value: fn(&BlurEstimate) -> [f64; 2]| blur.as_ref().map_or([f64::NAN; 2], value);
+        let of_both = |value: fn(&BlurEstimate) -> [f64; 2]| blur.as_ref().map_or([f64::NAN; 2], value);
 
         Self {
             struct_size: size_of::<Self>(),
@@ -220,8 +219,7 @@ impl Blur {
 }
 
 /// The families of the core by their numbers.
-const KINDS: [u32; 4] =
-    [PHASESTEREO_GAUSSIAN, PHASESTEREO_DISK, PHASESTEREO_MOTION, PHASESTEREO_ANNULUS];
+const KINDS: [u32; 4] = [PHASESTEREO_GAUSSIAN, PHASESTEREO_DISK, PHASESTEREO_MOTION, PHASESTEREO_ANNULUS];
 
 fn kind(family: Family) -> u32 {
     KINDS.get(family.number()).copied().unwrap_or(PHASESTEREO_OTHER)
@@ -250,8 +248,7 @@ mod tests {
         let estimate = BlurEstimate { blurs: vec![both], ..BlurEstimate::unknown((64, 64)) };
 
         let listed = blurs(&estimate);
-        let seen =
-            listed.iter().map(|blur| (blur.side, blur.kind, blur.size, blur.angle, blur.share));
+        let seen = listed.iter().map(|blur| (blur.side, blur.kind, blur.size, blur.angle, blur.share));
         let expected = [
             (PHASESTEREO_LEFT, PHASESTEREO_MOTION, 15.0, 30.0, 1.0),
             (PHASESTEREO_RIGHT, PHASESTEREO_MOTION, 9.0, 120.0, 1.0),

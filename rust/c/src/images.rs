@@ -219,12 +219,7 @@ impl Image {
     /// # Safety
     ///
     /// As of [`Self::write`].
-    unsafe fn write_pixels<T: Pixel>(
-        &self,
-        image: &phasestereo::Image,
-        target: *mut c_void,
-        stride: isize,
-    ) {
+    unsafe fn write_pixels<T: Pixel>(&self, image: &phasestereo::Image, target: *mut c_void, stride: isize) {
         let (channels, taken) = self.layout();
         let (_, cols) = self.size();
         let rows = image.pixels::<T>().unwrap_or_default().chunks_exact(cols * taken.len());
@@ -258,9 +253,7 @@ impl Image {
             let bytes = unsafe { std::slice::from_raw_parts(start, cols * channels * N) };
             // Pixels may lie anywhere in memory, so channels are built from bytes.
             let (values, _) = bytes.as_chunks::<N>();
-            for (pixel, values) in
-                row.chunks_exact_mut(taken.len()).zip(values.chunks_exact(channels))
-            {
+            for (pixel, values) in row.chunks_exact_mut(taken.len()).zip(values.chunks_exact(channels)) {
                 for (copy, &channel) in pixel.iter_mut().zip(taken) {
                     *copy = value(values[channel]);
                 }

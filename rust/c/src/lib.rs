@@ -226,14 +226,9 @@ pub unsafe extern "C" fn phasestereo_match(
     // SAFETY: as the caller promises.
     status(|| unsafe {
         let disparities = (min_disparity, num_disparities);
-        matched(
-            matcher,
-            [left, right],
-            disparities,
-            (0, map),
-            found,
-            |matcher, [left, right], range| matcher.match_pair(left, right, range),
-        )
+        matched(matcher, [left, right], disparities, (0, map), found, |matcher, [left, right], range| {
+            matcher.match_pair(left, right, range)
+        })
     })
 }
 
@@ -258,14 +253,9 @@ pub unsafe extern "C" fn phasestereo_match_right(
     // SAFETY: as the caller promises.
     status(|| unsafe {
         let disparities = (min_disparity, num_disparities);
-        matched(
-            matcher,
-            [left, right],
-            disparities,
-            (1, map),
-            found,
-            |matcher, [left, right], range| matcher.match_right(left, right, range),
-        )
+        matched(matcher, [left, right], disparities, (1, map), found, |matcher, [left, right], range| {
+            matcher.match_right(left, right, range)
+        })
     })
 }
 

@@ -8,9 +8,7 @@ use phasestereo_match::base::plane::zeroed;
 
 use crate::images::{Image, PHASESTEREO_GRAY, PHASESTEREO_RGB, check_stride, write};
 use crate::sized;
-use crate::{
-    Matcher, Status, guarded, ours, read_disparities, read_images, reference, status, told,
-};
+use crate::{Matcher, Status, guarded, ours, read_disparities, read_images, reference, status, told};
 
 /// A pair that any other matcher can use, and the way back of its maps. Any number of threads may use one at the same time.
 #[derive(Debug)]
@@ -80,8 +78,7 @@ pub unsafe extern "C" fn phasestereo_prepared_image(
 ) -> Status {
     status(|| {
         // SAFETY: as the caller promises.
-        let (pair, room) =
-            unsafe { (&reference(prepared, "prepared")?.pair, sized::size(image, "image")?) };
+        let (pair, room) = unsafe { (&reference(prepared, "prepared")?.pair, sized::size(image, "image")?) };
         let found = pair.images.get(side as usize);
         let found = found.ok_or_else(|| Error::value("side", side, "0, left, or 1, right"))?;
 
@@ -110,10 +107,7 @@ pub unsafe extern "C" fn phasestereo_prepared_disparities(prepared: *const Prepa
 ///
 /// The pair is one of `phasestereo_prepare`, or NULL.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn phasestereo_prepared_done(
-    prepared: *const Prepared,
-    index: u32,
-) -> *const c_char {
+pub unsafe extern "C" fn phasestereo_prepared_done(prepared: *const Prepared, index: u32) -> *const c_char {
     // SAFETY: as the caller promises.
     let done = unsafe { prepared.as_ref() }.and_then(|prepared| prepared.done.get(index as usize));
     done.map_or(ptr::null(), |text| text.as_ptr())
@@ -182,11 +176,7 @@ fn view_of<T: Pixel>(image: &phasestereo::Image) -> Option<Image> {
 /// # Safety
 ///
 /// The memory holds these rows and columns, with `stride` bytes from one row to the next.
-pub unsafe fn copied(
-    map: *const f32,
-    stride: isize,
-    (rows, cols): (usize, usize),
-) -> Result<Plane<f32>> {
+pub unsafe fn copied(map: *const f32, stride: isize, (rows, cols): (usize, usize)) -> Result<Plane<f32>> {
     let mut values = zeroed(rows.saturating_mul(cols))?;
     for (y, row) in values.chunks_exact_mut(cols).enumerate() {
         let start = map.cast::<u8>().wrapping_offset(y as isize * stride);

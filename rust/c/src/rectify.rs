@@ -82,12 +82,7 @@ impl Rectified {
                 check_stride(("rectified", "stride"), self.stride[side], image.row_bytes(), rows)?;
             }
             if !self.mask[side].is_null() {
-                check_stride(
-                    ("rectified", "mask_stride"),
-                    self.mask_stride[side],
-                    cols as u64,
-                    rows,
-                )?;
+                check_stride(("rectified", "mask_stride"), self.mask_stride[side], cols as u64, rows)?;
             }
         }
         Ok(())

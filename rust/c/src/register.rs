@@ -116,11 +116,8 @@ impl Camera {
 
         let used = if fisheye == 1 { 4 } else { self.distortion.len() };
         let is_straight = self.distortion.iter().all(|number| *number == 0.0);
-        let lens = if is_straight {
-            Lens::Pinhole
-        } else {
-            Lens::new(&self.distortion[..used], fisheye == 1)?
-        };
+        let lens =
+            if is_straight { Lens::Pinhole } else { Lens::new(&self.distortion[..used], fisheye == 1)? };
         let pose = (self.rotation, self.translation);
         Ok(ThirdCamera::new(&self.matrix, lens, pose, (height as usize, width as usize)))
     }
@@ -215,8 +212,7 @@ pub unsafe extern "C" fn phasestereo_register(
             found.source.map(|index| value(*index).unwrap_or(f32::NAN))
         };
         let (near, far, confidence) = (moved(near), moved(far), picked(confidence));
-        let [holes, occluded] =
-            [&found.holes, &found.occluded].map(|map| map.map(|is| u8::from(*is)));
+        let [holes, occluded] = [&found.holes, &found.occluded].map(|map| map.map(|is| u8::from(*is)));
 
         // SAFETY: as above.
         unsafe {

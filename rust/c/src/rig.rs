@@ -29,8 +29,7 @@ pub unsafe extern "C" fn phasestereo_rig_new(
     reestimate: u32,
 ) -> *mut Rig {
     let made = guarded(|| {
-        let reestimate =
-            if reestimate == 0 { phasestereo::Rig::REESTIMATE } else { reestimate.into() };
+        let reestimate = if reestimate == 0 { phasestereo::Rig::REESTIMATE } else { reestimate.into() };
         let rig = phasestereo::Rig::new(steadied != 0, reestimate);
         // SAFETY: as the caller promises.
         let rig = match unsafe { self::text(text, "text")? } {
@@ -79,14 +78,9 @@ pub unsafe extern "C" fn phasestereo_rig_match(
         let disparities = (min_disparity, num_disparities);
         // SAFETY: as above.
         unsafe {
-            matched(
-                matcher,
-                [left, right],
-                disparities,
-                (0, map),
-                found,
-                |matcher, [left, right], range| matcher.match_frame(&mut rig, left, right, range),
-            )
+            matched(matcher, [left, right], disparities, (0, map), found, |matcher, [left, right], range| {
+                matcher.match_frame(&mut rig, left, right, range)
+            })
         }
     })
 }
@@ -113,11 +107,7 @@ pub unsafe extern "C" fn phasestereo_rig_reset(rig: *mut Rig) -> Status {
 ///
 /// The rig is one of `phasestereo_rig_new`, and `text` a place for `room` bytes.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn phasestereo_rig_text(
-    rig: *const Rig,
-    text: *mut c_char,
-    room: usize,
-) -> usize {
+pub unsafe extern "C" fn phasestereo_rig_text(rig: *const Rig, text: *mut c_char, room: usize) -> usize {
     let written = guarded(|| {
         // SAFETY: as the caller promises.
         let written = unsafe { held(rig)? }.text()? + "\0";

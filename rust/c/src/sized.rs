@@ -32,14 +32,9 @@ pub unsafe fn read<T: Growing>(place: *const T, argument: &'static str) -> Resul
 
     // SAFETY: both have this number of bytes; zeros are a value of the type.
     let (known, rest) = unsafe {
-        place
-            .cast::<u8>()
-            .copy_to_nonoverlapping(known.as_mut_ptr().cast(), size.min(size_of::<T>()));
+        place.cast::<u8>().copy_to_nonoverlapping(known.as_mut_ptr().cast(), size.min(size_of::<T>()));
         let start = place.cast::<u8>().wrapping_add(size_of::<T>());
-        (
-            known.assume_init(),
-            std::slice::from_raw_parts(start, size.saturating_sub(size_of::<T>())),
-        )
+        (known.assume_init(), std::slice::from_raw_parts(start, size.saturating_sub(size_of::<T>())))
     };
 
     if rest.iter().any(|byte| *byte != 0) {

@@ -101,8 +101,7 @@ mod tests {
         keep(vec![phasestereo::Finding::new(Topic::Noise, Severity::Note, "noisy"), found]);
 
         let struct_size = size_of::<Finding>();
-        let mut read =
-            Finding { struct_size, topic: ptr::null(), sentence: ptr::null(), severity: 9 };
+        let mut read = Finding { struct_size, topic: ptr::null(), sentence: ptr::null(), severity: 9 };
         // SAFETY: the pointer is to a place for a finding, or NULL, which is refused.
         unsafe {
             assert_eq!(phasestereo_get_finding(2, &raw mut read), 0);

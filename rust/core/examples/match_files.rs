@@ -37,8 +37,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     file.ok_or("a map without pixels")?.save(target)?;
 
     let trusted = found.confidence.iter().flat_map(Plane::as_slice);
-    let share =
-        trusted.map(|odds| f64::from(*odds > 0.5)).sum::<f64>() / map.as_slice().len() as f64;
+    let share = trusted.map(|odds| f64::from(*odds > 0.5)).sum::<f64>() / map.as_slice().len() as f64;
     println!("{target}: {:.0} % of the pixels have a confidence of more than .5", 100.0 * share);
     Ok(())
 }

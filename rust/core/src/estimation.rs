@@ -114,11 +114,7 @@ pub fn complete(
 
 /// The pair without a pattern that both images share, and the strength of that. Of later frames, of copies,
 /// and of resampled images more is known: the pair that they are of has been looked at.
-fn without_shared_pattern(
-    pair: Pair,
-    facts: &Facts,
-    settings: &Settings,
-) -> Result<(Pair, Option<f64>)> {
+fn without_shared_pattern(pair: Pair, facts: &Facts, settings: &Settings) -> Result<(Pair, Option<f64>)> {
     let is_known = facts.candidates.as_ref().is_some_and(|known| known.origin != Origin::Given);
     if is_known || facts.is_of_these_pixels() || Request::new(facts, settings).is_empty() {
         return Ok((pair, None));
@@ -188,8 +184,7 @@ fn is_interlaced(estimates: &Estimates, facts: &Facts, settings: &Settings) -> b
 /// both.
 pub fn even_rows(pair: &Pair, changed: [bool; 2]) -> Pair {
     let [left, right] = pair.views();
-    let of_rows =
-        |view: &View, changes: bool| if changes { view.of_even_rows() } else { view.clone() };
+    let of_rows = |view: &View, changes: bool| if changes { view.of_even_rows() } else { view.clone() };
     pair.with_views([of_rows(left, changed[0]), of_rows(right, changed[1])])
 }
 
@@ -243,8 +238,7 @@ impl Source for Inverted<'_> {
 impl<'a> Request<'a> {
     fn new(facts: &'a Facts, settings: &Settings) -> Self {
         let needs_noise = settings.has_weak() && facts.noise.is_none();
-        let needs_blur =
-            settings.compensate_blur || settings.despike || settings.denoise || needs_noise;
+        let needs_blur = settings.compensate_blur || settings.despike || settings.denoise || needs_noise;
         let rows = match facts.rows {
             Rows::Unknown => settings.align_rows,
             Rows::Wanted => true,
@@ -287,9 +281,7 @@ impl Estimates {
         let candidates = match (&facts.candidates, &range) {
             (Some(known), _) => known.clone(),
             (None, Some(range)) => Fact::estimated(range.candidates(width)?),
-            (None, None) => {
-                Fact::estimated(Candidates::new(0, width.div_ceil(DEFAULT_SHARE) as i64, width)?)
-            }
+            (None, None) => Fact::estimated(Candidates::new(0, width.div_ceil(DEFAULT_SHARE) as i64, width)?),
         };
 
         // Blur is compared where both images show the same, so it comes after the geometry. What most of the
@@ -313,9 +305,7 @@ impl Estimates {
 
         let compensation = match (&blur, facts.noise) {
             _ if facts.compensation.is_some() => None,
-            (Some(blur), noise) => {
-                Some(CompensationPlan::new(blur, noise, photometry.range, settings)?)
-            }
+            (Some(blur), noise) => Some(CompensationPlan::new(blur, noise, photometry.range, settings)?),
             (None, Some(noise)) => Some(CompensationPlan::of_noise(noise, settings)?),
             (None, None) => None,
         };
@@ -437,8 +427,7 @@ impl CopyGeometry {
 
         // Where known disparities match badly, a finding names those that would match better.
         let is_poor = facts.candidates.is_some() && rough.confidence < overview::GOOD_CONFIDENCE;
-        let wide =
-            is_poor.then(|| overview.rough(None, alignment.as_ref(), runtime)).transpose()?;
+        let wide = is_poor.then(|| overview.rough(None, alignment.as_ref(), runtime)).transpose()?;
 
         let last = wide.as_ref().unwrap_or(&rough);
         let is_asked = facts.candidates.is_none() || is_poor;

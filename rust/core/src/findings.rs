@@ -33,8 +33,7 @@ pub fn by_topic(mut findings: Vec<Finding>) -> Vec<Finding> {
         all.iter().all(|one| one.topic != topic || one.severity == Severity::Ok)
     };
     let well: Vec<bool> = topics.iter().map(|topic| is_well(*topic, &findings)).collect();
-    let place =
-        |topic: Topic| topics.iter().position(|other| *other == topic).unwrap_or(topics.len());
+    let place = |topic: Topic| topics.iter().position(|other| *other == topic).unwrap_or(topics.len());
 
     findings.retain(|one| one.severity != Severity::Ok || well[place(one.topic)]);
     findings.sort_by_key(|one| place(one.topic));
@@ -123,15 +122,12 @@ mod tests {
     fn a_sound_pair_is_not_accused() {
         let found = of_pair(&sound(), SIZE, None, &Preset::Robust.settings());
         assert!(found.iter().all(|one| one.severity == Severity::Ok), "{found:?}");
-        assert!(
-            found.iter().any(|one| one.sentence.contains("min_disparity 0 and num_disparities 20"))
-        );
+        assert!(found.iter().any(|one| one.sentence.contains("min_disparity 0 and num_disparities 20")));
     }
 
     #[test]
     fn the_range_and_what_it_tells_are_said() {
-        let of =
-            |range: SearchRange| said(&Estimates { range: Some(range), ..sound() }, Topic::Swap);
+        let of = |range: SearchRange| said(&Estimates { range: Some(range), ..sound() }, Topic::Swap);
         let negative = SearchRange { low: -15.0, high: -2.0, negative: true, ..RANGE };
         let shown = |ground, sides| Signs { ground, sides, is_seen: true };
         for (shown, expected, words) in [
@@ -152,8 +148,7 @@ mod tests {
         for (twist, is_toed_in) in [(2.0, true), (0.2, false), (-2.0, false)] {
             let mut terms = [0.0; TERMS];
             terms[3] = twist;
-            let estimates =
-                Estimates { range: Some(swapped), offsets: Some(offsets(terms)), ..sound() };
+            let estimates = Estimates { range: Some(swapped), offsets: Some(offsets(terms)), ..sound() };
             let (severity, sentence) = said(&estimates, Topic::Swap);
             assert_eq!(sentence.contains("toed in, with"), is_toed_in, "{twist}: {sentence}");
             assert_eq!(severity == Severity::Note, is_toed_in);
@@ -165,9 +160,7 @@ mod tests {
         assert!(said(&nothing, Topic::Match).1.contains("these are not a pair"));
         let wall = Photometry { flat: [0.99; 2], ..PHOTOMETRY };
         let wall = Estimates { range: None, confidence: Some(0.2), ..with_photometry(wall) };
-        assert!(
-            said(&wall, Topic::Range).1.contains("too little texture to measure which disparities")
-        );
+        assert!(said(&wall, Topic::Range).1.contains("too little texture to measure which disparities"));
         assert_eq!(said(&wall, Topic::Texture).0, Severity::Warning);
         let dots = Estimates { confidence: Some(0.95), ..wall };
         assert_eq!(said(&dots, Topic::Texture).0, Severity::Ok, "as fine as noise, and it matches");
@@ -197,30 +190,15 @@ mod tests {
         assert_eq!(of(shift(0.5), 0.02, true).0, Severity::Note);
         assert_eq!(of(shift(0.5), 0.2, true).0, Severity::Ok);
         assert_eq!(of(shift(-2.0), 0.02, true).0, Severity::Warning);
-        assert!(
-            of(shift(-2.0), 0.02, true).1.contains("shows things 2.0 px higher than the left one")
-        );
+        assert!(of(shift(-2.0), 0.02, true).1.contains("shows things 2.0 px higher than the left one"));
         assert!(of(shift(2.0), 0.02, false).1.contains("straightening does not help"));
 
         let turned = of(
-            [
-                0.0,
-                150.0 * sin(1f64.to_radians()) / cos(1f64.to_radians()),
-                0.0,
-                0.0,
-                0.0,
-                0.0,
-                0.0,
-                0.0,
-            ],
+            [0.0, 150.0 * sin(1f64.to_radians()) / cos(1f64.to_radians()), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
             0.02,
             true,
         );
-        assert!(
-            turned.1.contains("rotated clockwise (or sheared) by 1.00 degrees"),
-            "{}",
-            turned.1
-        );
+        assert!(turned.1.contains("rotated clockwise (or sheared) by 1.00 degrees"), "{}", turned.1);
         let bent = of([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 3.0, 3.0], 0.02, true);
         assert!(bent.1.contains("bent by 3.0 px (lens distortion left in"));
 
@@ -235,10 +213,7 @@ mod tests {
     #[test]
     fn blur_is_as_grave_as_it_is_large_and_certain() {
         let of = |psf: Psf, certainty: f32| {
-            said(
-                &Estimates { blur: Some(softer(Side::Left, psf, None, certainty)), ..sound() },
-                Topic::Blur,
-            )
+            said(&Estimates { blur: Some(softer(Side::Left, psf, None, certainty)), ..sound() }, Topic::Blur)
         };
         assert_eq!(of(Psf::gaussian(0.2), 1.0).0, Severity::Ok);
         assert_eq!(of(Psf::gaussian(0.5), 1.0).0, Severity::Note);
@@ -250,7 +225,9 @@ mod tests {
 
         let both = softer(Side::Right, Psf::motion(9.0, 30.0), Some(Psf::motion(15.0, 0.0)), 0.9);
         let both = said(&Estimates { blur: Some(both), ..sound() }, Topic::Blur).1;
-        assert!(both.contains("the right image is blurred by a motion of 9.0 px at 30 degrees, the left one by a motion"));
+        assert!(both.contains(
+            "the right image is blurred by a motion of 9.0 px at 30 degrees, the left one by a motion"
+        ));
 
         // What does not match has no blur in common.
         let blur = || softer(Side::Left, Psf::disk(3.1), None, 0.9);
@@ -269,17 +246,9 @@ mod tests {
         };
         assert_eq!(of(1.05, 0.97, [1.06, 1.04]).0, Severity::Ok);
         assert_eq!(of(1.05, 0.6, [1.1, 1.0]).0, Severity::Ok, "hardly any other grays");
-        assert!(
-            of(0.8, 1.0, [0.8; 2])
-                .1
-                .contains("the left image is darker, its gray levels 0.80 times")
-        );
+        assert!(of(0.8, 1.0, [0.8; 2]).1.contains("the left image is darker, its gray levels 0.80 times"));
         assert_eq!(of(1.8, 1.0, [1.8; 2]).0, Severity::Warning);
-        assert!(
-            of(1.8, 1.0, [1.8; 2])
-                .1
-                .contains("the right image is darker, its gray levels 0.56 times")
-        );
+        assert!(of(1.8, 1.0, [1.8; 2]).1.contains("the right image is darker, its gray levels 0.56 times"));
         assert!(of(1.0, 0.5, [1.6, 0.8]).1.contains("another curve"));
     }
 
@@ -293,9 +262,7 @@ mod tests {
         assert_eq!(noisy([1.0, 6.0], 255.0).0, Severity::Note);
         assert_eq!(noisy([20.0, 1.0], 255.0).0, Severity::Warning);
         assert!(
-            noisy([20.0, 1.04], 255.0)
-                .1
-                .starts_with("noise of 20 gray levels in the left image, 1.0 in")
+            noisy([20.0, 1.04], 255.0).1.starts_with("noise of 20 gray levels in the left image, 1.0 in")
         );
         assert_eq!(noisy([20.0, 20.0], 65535.0).0, Severity::Ok);
         assert!(
@@ -307,9 +274,7 @@ mod tests {
         let coded = blur::Estimate { coding: [0.5, 4.0], ..blur::Estimate::unknown(SIZE) };
         let coded = Estimates { blur: Some(coded), ..sound() };
         assert!(
-            said(&coded, Topic::Coding)
-                .1
-                .contains("blocks in the right image, as harmful as noise of 4.0")
+            said(&coded, Topic::Coding).1.contains("blocks in the right image, as harmful as noise of 4.0")
         );
 
         let bright = Saturation { dark: 0.0, bright: 0.25 };
@@ -329,11 +294,7 @@ mod tests {
 
         let fields = |fields: [i32; 2]| of(Photometry { fields, ..PHOTOMETRY }, Topic::Interlacing);
         assert_eq!(fields([0, 0]).0, Severity::Ok);
-        assert!(
-            fields([0, -4])
-                .1
-                .starts_with("the right image is interlaced: odd rows are shifted by 4 px")
-        );
+        assert!(fields([0, -4]).1.starts_with("the right image is interlaced: odd rows are shifted by 4 px"));
         assert!(fields([3, -4]).1.starts_with("the images are interlaced"));
     }
 
@@ -375,13 +336,9 @@ mod tests {
         }
 
         let told = rectification(&found).join("; ");
-        for part in [
-            "80 blocks of 2 pairs",
-            "known to 0.10 px",
-            "-40 to -3 px",
-            "are negative",
-            "negative of",
-        ] {
+        for part in
+            ["80 blocks of 2 pairs", "known to 0.10 px", "-40 to -3 px", "are negative", "negative of"]
+        {
             assert!(told.contains(part), "{told}");
         }
 

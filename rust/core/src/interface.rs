@@ -183,8 +183,7 @@ impl Matcher {
         let disparities = disparities.into();
         if self.axis != Some(Direction::Columns) {
             let images = [right.clone().mirrored(), left.clone().mirrored()];
-            let found =
-                self.matched(images, disparities.clone(), self.axis, &Control::default())?;
+            let found = self.matched(images, disparities.clone(), self.axis, &Control::default())?;
             if !found.estimates.is_vertical() {
                 return Ok(found.mirrored());
             }
@@ -297,13 +296,7 @@ impl Matcher {
         })?;
 
         let verification::Verification {
-            verdicts,
-            better,
-            confidence,
-            uncertainty,
-            findings,
-            matched,
-            ..
+            verdicts, better, confidence, uncertainty, findings, matched, ..
         } = judged;
         let own = Match::new(matched);
         Ok(Verification { verdicts, better, confidence, uncertainty, findings, own })
@@ -476,8 +469,8 @@ fn read_pair(
     let pair = Pair::of_any([left.into_input(), right.into_input()], 0, 1)?;
     let (rows, cols) = pair.size();
     let length = if axis == Some(Direction::Columns) { rows } else { cols };
-    let given = disparities
-        .map(|Range { start, end }| Candidates::new(start, end.saturating_sub(start), length));
+    let given =
+        disparities.map(|Range { start, end }| Candidates::new(start, end.saturating_sub(start), length));
 
     let candidates = given.transpose()?;
     let axis = axis.map(Fact::given);

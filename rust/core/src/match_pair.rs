@@ -31,22 +31,12 @@ use phasestereo_match::pair::candidates::Candidates;
 use phasestereo_match::settings::Settings;
 
 /// Matches a pair of which some facts are known.
-pub fn match_pair(
-    pair: Pair,
-    facts: &Facts,
-    settings: &Settings,
-    runtime: Runtime,
-) -> Result<Matched> {
+pub fn match_pair(pair: Pair, facts: &Facts, settings: &Settings, runtime: Runtime) -> Result<Matched> {
     Ok(match_as_turned(pair, facts, settings, runtime)?.turned_back())
 }
 
 /// The same, with the map as the pair was matched: turned, if things move along its columns.
-pub fn match_as_turned(
-    pair: Pair,
-    facts: &Facts,
-    settings: &Settings,
-    runtime: Runtime,
-) -> Result<Matched> {
+pub fn match_as_turned(pair: Pair, facts: &Facts, settings: &Settings, runtime: Runtime) -> Result<Matched> {
     runtime.control.begin(settings.budget);
     made_ready(pair, facts, settings, runtime)?.matched(settings, runtime)
 }
@@ -102,12 +92,7 @@ impl Ready {
 }
 
 /// Makes a pair ready of which some facts are known.
-pub fn made_ready(
-    pair: Pair,
-    facts: &Facts,
-    settings: &Settings,
-    runtime: Runtime,
-) -> Result<Ready> {
+pub fn made_ready(pair: Pair, facts: &Facts, settings: &Settings, runtime: Runtime) -> Result<Ready> {
     let pair = turned(pair, facts)?;
     let (pair, estimates) = complete(pair, facts, settings, runtime)?;
     let even_rows = estimates.even_rows;
@@ -128,8 +113,7 @@ pub fn made_ready(
         estimates.alignment = None;
     }
     estimates = findings::with_findings(estimates, &pair, settings);
-    let refused =
-        refusal.and_then(|refusal| findings::not_rectified(&estimates, pair.is_turned(), &refusal));
+    let refused = refusal.and_then(|refusal| findings::not_rectified(&estimates, pair.is_turned(), &refusal));
     estimates.findings.extend(refused);
     estimates.findings.extend(raw.iter().map(|raw| findings::rectified(&raw.rectification)));
 
@@ -138,14 +122,8 @@ pub fn made_ready(
 }
 
 /// What a match of a pair along its rows finds out before it matches, by topic.
-pub fn diagnosed(
-    pair: Pair,
-    facts: &Facts,
-    settings: &Settings,
-    runtime: Runtime,
-) -> Result<Estimates> {
-    let mut estimates =
-        made_ready(pair, &facts.along_rows(), settings, runtime)?.prepared.estimates;
+pub fn diagnosed(pair: Pair, facts: &Facts, settings: &Settings, runtime: Runtime) -> Result<Estimates> {
+    let mut estimates = made_ready(pair, &facts.along_rows(), settings, runtime)?.prepared.estimates;
     estimates.findings = findings::by_topic(estimates.findings);
     Ok(estimates)
 }
@@ -162,9 +140,9 @@ fn along_columns(
 ) -> Result<Option<Ready>> {
     // Lines or a pattern that were repaired along rows cannot be repaired along columns.
     let is_as_it_came = before.even_rows == [false; 2] && before.shared_pattern.is_none();
-    let fits = facts.searched().is_none_or(|all| {
-        Candidates::new(all.min() as i64, all.count() as i64, pair.size().0).is_ok()
-    });
+    let fits = facts
+        .searched()
+        .is_none_or(|all| Candidates::new(all.min() as i64, all.count() as i64, pair.size().0).is_ok());
     if facts.axis.is_some() || !axis.is_along_columns() || !is_as_it_came || !fits {
         return Ok(None);
     }

@@ -104,11 +104,7 @@ pub fn prepared_as(
     let work = words::WorkDone::new(ready, &channels, &back, is_converted);
     let changed = [0, 1].map(|side| work.changes(side));
     let made = |side: usize| -> Result<Input> {
-        if changed[side] {
-            channels.image(inputs, side, &back, runtime)
-        } else {
-            Ok(inputs[side].clone())
-        }
+        if changed[side] { channels.image(inputs, side, &back, runtime) } else { Ok(inputs[side].clone()) }
     };
     let images = [made(0)?, made(1)?];
 

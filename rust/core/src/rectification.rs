@@ -182,10 +182,7 @@ impl fmt::Display for Refusal {
                 write!(to, "they have only {left} and {right} corners that could be compared")
             }
             Self::Matches([agreeing, all]) => {
-                write!(
-                    to,
-                    "only {agreeing} of {all} corners that look alike agree on how the cameras look"
-                )
+                write!(to, "only {agreeing} of {all} corners that look alike agree on how the cameras look")
             }
             Self::NotNeeded => write!(to, "rows correspond about as well as they are"),
             Self::Axis(Axis { angle, ratio }) => write!(
@@ -271,8 +268,7 @@ pub fn rectify(
 pub fn shown_axis([left, right]: &Grays, level: Level, control: &Control) -> Result<Option<Axis>> {
     let factor = left.cols().div_ceil(MOST_COLUMNS).max(1);
     let pair = [smaller(left, factor)?, smaller(right, factor)?];
-    let (size, [left, right]) =
-        ((pair[0].rows(), pair[0].cols()), features(&pair, level, control)?);
+    let (size, [left, right]) = ((pair[0].rows(), pair[0].cols()), features(&pair, level, control)?);
     let codes = [left.codes(0.0), right.codes(0.0)];
     let found = matches::matched([&left, &right], [&codes[0], &codes[1]], size.1, level);
     Ok(axis::axis(&found, size))
@@ -352,8 +348,7 @@ struct Views<'a> {
 impl Views<'_> {
     /// The matches whose rows are near with these cameras.
     fn near(&self, cameras: &Cameras, near: f64) -> Vec<CornerMatch> {
-        let is_near =
-            |one: &&CornerMatch| cameras.row_difference([one.left, one.right]).abs() < near;
+        let is_near = |one: &&CornerMatch| cameras.row_difference([one.left, one.right]).abs() < near;
         self.matches.iter().filter(is_near).copied().collect()
     }
 }
@@ -420,12 +415,7 @@ struct Refined {
 
 /// Fits cameras to blocks, again and again, until they stay. Of those that corners agree with, the ones go on
 /// by which the first blocks are most probable.
-fn refined(
-    views: &[Views],
-    starts: [(Cameras, f64); 3],
-    level: Level,
-    control: &Control,
-) -> Result<Refined> {
+fn refined(views: &[Views], starts: [(Cameras, f64); 3], level: Level, control: &Control) -> Result<Refined> {
     let doubtful = DOUBTFUL.0.max(DOUBTFUL.1 * starts[0].0.size().1 as f64);
     let mut best = Refined::new(starts[0].0.clone(), starts[0].1);
     for (cameras, near) in starts {
@@ -482,8 +472,7 @@ impl Refined {
         let mut weights: Vec<f64> = self.blocks.iter().map(|block| block.weight).collect();
         let alone = fit::fit(&places, &weights, &before, Steps(15, 3));
 
-        let rows =
-            |cameras: &Cameras, one: &CornerMatch| cameras.row_difference([one.left, one.right]);
+        let rows = |cameras: &Cameras, one: &CornerMatch| cameras.row_difference([one.left, one.right]);
         let spread = deviation(corners.iter().map(|one| rows(&alone.cameras, one))) + 0.05;
         places.extend(&corners);
         weights.resize(places.len(), (alone.spread / spread).powi(2).min(1.0));
@@ -578,12 +567,7 @@ impl Refined {
 impl Negative {
     /// By how many columns the right image is moved, so that disparities, whose quantiles are found, become
     /// positive.
-    fn moved(
-        self,
-        good: &[CornerMatch],
-        size: (usize, usize),
-        found: &mut impl FnMut(f64) -> f64,
-    ) -> f64 {
+    fn moved(self, good: &[CornerMatch], size: (usize, usize), found: &mut impl FnMut(f64) -> f64) -> f64 {
         let (cols, least) = (size.1 as f64, found(LEAST_SHARE));
         let is_moved = match self {
             Self::Kept => false,
@@ -628,11 +612,9 @@ fn error(
 ) -> f64 {
     let Some(factor) = factor else { return f64::INFINITY };
     let is_inside = |place: &Point| {
-        (0.0..=(cols - 1) as f64).contains(&place[0])
-            && (0.0..=(rows - 1) as f64).contains(&place[1])
+        (0.0..=(cols - 1) as f64).contains(&place[0]) && (0.0..=(rows - 1) as f64).contains(&place[1])
     };
-    let along =
-        |index: usize, count: usize| index as f64 * (count - 1) as f64 / (PLACES - 1) as f64;
+    let along = |index: usize, count: usize| index as f64 * (count - 1) as f64 / (PLACES - 1) as f64;
 
     let mut variances = vec![];
     for index in 0..PLACES * PLACES {
@@ -684,11 +666,7 @@ fn shifts(cameras: &Cameras, blocks: &[CornerMatch]) -> [Point; 2] {
 }
 
 /// The disparities of matches, without clusters that are small and far from others.
-fn disparities<'a>(
-    cameras: &Cameras,
-    matches: impl Iterator<Item = &'a CornerMatch>,
-    cols: f64,
-) -> Vec<f64> {
+fn disparities<'a>(cameras: &Cameras, matches: impl Iterator<Item = &'a CornerMatch>, cols: f64) -> Vec<f64> {
     let disparity =
         |one: &CornerMatch| cameras.rectified(one.left, 0)[0] - cameras.rectified(one.right, 1)[0];
     let mut all: Vec<f64> = matches.map(disparity).collect();
@@ -744,8 +722,7 @@ mod tests {
 
     /// The largest difference of rows, over the image, of what cameras see at the same place.
     fn rows_apart(truth: &Cameras, found: &Cameras) -> f64 {
-        let place =
-            |index: usize| [30.0 + 20.0 * (index % 17) as f64, 30.0 + 20.0 * (index / 17) as f64];
+        let place = |index: usize| [30.0 + 20.0 * (index % 17) as f64, 30.0 + 20.0 * (index / 17) as f64];
         let apart = |index: usize| {
             let [x, y] = place(index);
             let right = [x - scene::disparity(x, y, SIZE.1), y];
@@ -778,9 +755,8 @@ mod tests {
         let truth = Cameras::new([0.0; NUMBERS], USUAL, SIZE);
         let [left, right] = scene::pair(&truth, SIZE, 2);
         let pair = [right, left];
-        let swapped = |negative: Negative| {
-            found(&pair, Aim { negative, ..Aim::ASKED }).expect("a pair").moved
-        };
+        let swapped =
+            |negative: Negative| found(&pair, Aim { negative, ..Aim::ASKED }).expect("a pair").moved;
         let moved = swapped(Negative::Moved);
         assert!((12.0..40.0).contains(&moved), "{moved}");
         for negative in [Negative::Kept, Negative::MovedIfToedIn] {
@@ -809,14 +785,8 @@ mod tests {
         let [other, _] = scene::pair(&truth, SIZE, 4);
         let flat = left.map(|_| 7.0);
         assert!(matches!(found(&[left.clone(), other]), Err(Refusal::Matches(_))));
-        assert_eq!(
-            found(&[left, flat.clone()]).err().map(|why| why.to_string().len() > 20),
-            Some(true)
-        );
-        assert!(matches!(
-            found(&[flat.clone(), flat.map(|_| f32::NAN)]),
-            Err(Refusal::Corners([0, 0]))
-        ));
+        assert_eq!(found(&[left, flat.clone()]).err().map(|why| why.to_string().len() > 20), Some(true));
+        assert!(matches!(found(&[flat.clone(), flat.map(|_| f32::NAN)]), Err(Refusal::Corners([0, 0]))));
         let tiny = Plane::from_fn(2, 3, |y, x| (x + y) as f32);
         assert!(found(&[tiny.clone(), tiny]).is_err());
     }
@@ -832,8 +802,7 @@ mod tests {
         for (name, level) in Level::all() {
             let Some(level) = level else { continue };
             let control = Control::default();
-            let again = pool
-                .install(|| rectify(std::slice::from_ref(&pair), 1, Aim::ASKED, level, &control));
+            let again = pool.install(|| rectify(std::slice::from_ref(&pair), 1, Aim::ASKED, level, &control));
             assert_eq!(again.expect("memory").expect("a pair").cameras, first, "{name}");
         }
     }

@@ -53,11 +53,7 @@ const MANY: f64 = 0.05;
 
 /// Matches a prepared pair as [`phasestereo_match::matcher::Matcher::match_pair`] does, and decides over
 /// scales where these settings, from which it was prepared, ask for it.
-pub fn match_over_scales(
-    prepared: &Prepared,
-    settings: &Settings,
-    runtime: Runtime,
-) -> Result<Disparity> {
+pub fn match_over_scales(prepared: &Prepared, settings: &Settings, runtime: Runtime) -> Result<Disparity> {
     let Prepared { pair, settings: suited, estimates } = prepared;
     let Runtime { matcher, execution, control } = runtime;
 
@@ -77,12 +73,7 @@ pub fn match_over_scales(
 }
 
 /// Matches a pair by the settings that suit it, and decides over scales by those it was prepared from.
-fn decided(
-    pair: &Pair,
-    suited: &Settings,
-    settings: &Settings,
-    runtime: Runtime,
-) -> Result<Disparity> {
+fn decided(pair: &Pair, suited: &Settings, settings: &Settings, runtime: Runtime) -> Result<Disparity> {
     let Runtime { execution, control, .. } = runtime;
     let mut map = matched(pair, suited, runtime)?;
 
@@ -148,8 +139,7 @@ fn decide(
     };
 
     let (copy, estimates) = complete(copy, &facts, settings, runtime)?;
-    let Prepared { pair: copy, settings: suited, .. } =
-        prepare(copy, estimates, &facts, settings, runtime)?;
+    let Prepared { pair: copy, settings: suited, .. } = prepare(copy, estimates, &facts, settings, runtime)?;
     let mut coarse = matched(&copy, &suited, runtime)?;
     if let Some(doubt) = Doubt::of_map(&coarse, runtime.execution.level)? {
         decide(&mut coarse, &doubt, &copy, settings, runtime)?;

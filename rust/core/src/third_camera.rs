@@ -107,8 +107,7 @@ impl Lens {
                 return Some(at);
             }
             let slope = |by: Point| {
-                let [one, other] =
-                    [1.0, -1.0].map(|s| self.bent([at[0] + s * by[0], at[1] + s * by[1]]));
+                let [one, other] = [1.0, -1.0].map(|s| self.bent([at[0] + s * by[0], at[1] + s * by[1]]));
                 [(one[0] - other[0]) / 2e-6, (one[1] - other[1]) / 2e-6]
             };
             let [along, down] = [slope([1e-6, 0.0]), slope([0.0, 1e-6])];
@@ -199,15 +198,8 @@ impl ThirdCamera {
         size: (usize, usize),
     ) -> Self {
         let [[fx, _, cx], [_, fy, cy], _] = *matrix;
-        let mut camera = Self {
-            focal: [fx, fy],
-            center: [cx, cy],
-            lens,
-            rotation,
-            translation,
-            size,
-            rim: f64::INFINITY,
-        };
+        let mut camera =
+            Self { focal: [fx, fy], center: [cx, cy], lens, rotation, translation, size, rim: f64::INFINITY };
         if lens != Lens::Pinhole {
             let (rows, cols) = (size.0 as i64, size.1 as i64);
             let ends = (-1..=cols).flat_map(|x| [[x, -1], [x, rows]]);
@@ -438,8 +430,7 @@ fn dot(one: [f64; 3], other: [f64; 3]) -> f64 {
 mod tests {
     use super::*;
 
-    const LEFT: LeftCamera =
-        LeftCamera { focal: [40.0, 42.0], center: [19.5, 14.5], baseline: 0.1 };
+    const LEFT: LeftCamera = LeftCamera { focal: [40.0, 42.0], center: [19.5, 14.5], baseline: 0.1 };
     const SIZE: (usize, usize) = (30, 40);
 
     fn camera(lens: Lens) -> ThirdCamera {
@@ -450,17 +441,9 @@ mod tests {
     }
 
     fn lenses() -> [Lens; 4] {
-        let all = [
-            -0.2, 0.05, 0.001, -0.002, 0.01, 0.02, 0.01, 0.003, 1e-3, 2e-3, -1e-3, 1e-3, 0.02,
-            -0.03,
-        ];
+        let all = [-0.2, 0.05, 0.001, -0.002, 0.01, 0.02, 0.01, 0.003, 1e-3, 2e-3, -1e-3, 1e-3, 0.02, -0.03];
         let lens = |numbers: &[f64], fisheye| Lens::new(numbers, fisheye).expect("a lens");
-        [
-            Lens::Pinhole,
-            lens(&all[..5], false),
-            lens(&all, false),
-            lens(&[0.05, -0.01, 0.002, 0.0], true),
-        ]
+        [Lens::Pinhole, lens(&all[..5], false), lens(&all, false), lens(&[0.05, -0.01, 0.002, 0.0], true)]
     }
 
     /// A box before a slanted wall, with holes in both, and at the border.
@@ -478,17 +461,14 @@ mod tests {
         for lens in lenses() {
             let (depth, third) = (scene(), camera(lens));
             let found = register(&depth, &LEFT, &third, &control).expect("memory");
-            let areas =
-                areas(&with_background(depth.clone()), &LEFT, &third, &control).expect("memory");
+            let areas = areas(&with_background(depth.clone()), &LEFT, &third, &control).expect("memory");
             for (row, col) in (0..48).flat_map(|row| (0..64).map(move |col| (row, col))) {
                 let (y, x) = (row as i32, col as i32);
                 let holds = |area: &Covered| {
                     (area.left..area.right).contains(&x) && (area.top..area.bottom).contains(&y)
                 };
                 let (mut best, mut is_hole) = (None, false);
-                for (index, area) in
-                    areas.as_slice().iter().enumerate().filter(|(_, area)| holds(area))
-                {
+                for (index, area) in areas.as_slice().iter().enumerate().filter(|(_, area)| holds(area)) {
                     if !depth.as_slice()[index].is_finite() {
                         is_hole = true;
                     } else if best.is_none_or(|(z, _)| area.depth < z) {
@@ -504,9 +484,7 @@ mod tests {
             }
             let known = found.source.as_slice().iter().filter(|source| **source >= 0).count();
             assert!(known > 1000, "{known}");
-            assert!(
-                found.holes.as_slice().contains(&true) && found.occluded.as_slice().contains(&true)
-            );
+            assert!(found.holes.as_slice().contains(&true) && found.occluded.as_slice().contains(&true));
 
             let moved = third.moved(&depth, &found.source, &LEFT);
             for (moved, z) in moved.as_slice().iter().zip(found.depth.as_slice()) {

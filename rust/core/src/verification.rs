@@ -125,16 +125,14 @@ pub fn judged(
     let misreading = Misreading::of(&Sample::new(&claims.matched), &costs);
     if misreading.is_none() {
         let estimates = &mut ready.prepared.estimates;
-        estimates.candidates.value =
-            hypotheses::widened(estimates.candidates.value, &claims.matched);
+        estimates.candidates.value = hypotheses::widened(estimates.candidates.value, &claims.matched);
         ready.prepared.pair = pair.clone().searched(estimates.candidates.value);
     }
 
     let matched = ready.matched(&settings, runtime)?;
     let traits = Traits::new(&claims.matched, matched.own(), &pair, execution.level, control)?;
     let chances = judge::chances(&traits, execution.level, control)?;
-    let against =
-        evidence::against(&claims.matched, matched.own(), &costs, execution.level, control)?;
+    let against = evidence::against(&claims.matched, matched.own(), &costs, execution.level, control)?;
     let test = Test { map: &claims.matched, own: matched.own(), against: &against };
     let (verdicts, counts) = test.judge(execution.level, control)?;
 

@@ -100,9 +100,7 @@ impl Device {
         };
         let Some((adapter, raw)) = all.into_iter().find(|(adapter, _)| is_wanted(adapter)) else {
             let accepts = match (name, names.join(", ").as_str()) {
-                (_, "") => {
-                    "an adapter of Vulkan or Metal, of which this machine has none".to_owned()
-                }
+                (_, "") => "an adapter of Vulkan or Metal, of which this machine has none".to_owned(),
                 (Some(_), all) => format!("a part of the name of an adapter: {all}"),
                 (None, all) => format!("a GPU; software drivers have to be named: {all}"),
             };

@@ -74,19 +74,14 @@ impl Memory {
         let sizes = inputs.map(|bytes| bytes.len() as u64);
         let sizes = sizes.into_iter().chain([volume, volume, from_below, found]);
 
-        let usages = [wgpu::BufferUsages::UNIFORM]
-            .into_iter()
-            .chain([wgpu::BufferUsages::STORAGE; BUFFERS - 1]);
+        let usages =
+            [wgpu::BufferUsages::UNIFORM].into_iter().chain([wgpu::BufferUsages::STORAGE; BUFFERS - 1]);
         for ((buffer, size), usage) in self.buffers.iter_mut().zip(sizes).zip(usages) {
             let copied = wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::COPY_SRC;
             fit(buffer, device, size, usage | copied);
         }
-        let read = fit(
-            &mut self.read,
-            device,
-            found,
-            wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
-        );
+        let read =
+            fit(&mut self.read, device, found, wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ);
         let buffers: Vec<_> = self.buffers.iter().flatten().collect();
         for (buffer, bytes) in buffers.iter().zip(inputs) {
             device.queue.write_buffer(buffer, 0, bytes);
@@ -94,10 +89,7 @@ impl Memory {
 
         let entries: Vec<_> = (0..)
             .zip(&buffers)
-            .map(|(binding, buffer)| wgpu::BindGroupEntry {
-                binding,
-                resource: buffer.as_entire_binding(),
-            })
+            .map(|(binding, buffer)| wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() })
             .collect();
         let layout = &kernels.layout;
         let group = device.handle.create_bind_group(&wgpu::BindGroupDescriptor {
@@ -106,8 +98,7 @@ impl Memory {
             entries: &entries,
         });
 
-        let mut encoder =
-            device.handle.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+        let mut encoder = device.handle.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         {
             let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
             pass.set_bind_group(0, &group, &[]);
@@ -131,8 +122,7 @@ fn fit<'a>(
 ) -> &'a wgpu::Buffer {
     let kept = buffer.take().filter(|buffer| buffer.size() >= size);
     buffer.insert(kept.unwrap_or_else(|| {
-        let descriptor =
-            wgpu::BufferDescriptor { label: None, size, usage, mapped_at_creation: false };
+        let descriptor = wgpu::BufferDescriptor { label: None, size, usage, mapped_at_creation: false };
         device.handle.create_buffer(&descriptor)
     }))
 }
@@ -148,28 +138,22 @@ impl Kernels {
              const CHOSEN_COLUMNS: u32 = {CHOSEN_COLUMNS}u;\n{shader}"
         );
         let source = wgpu::ShaderSource::Wgsl(source.into());
-        let module =
-            device.create_shader_module(wgpu::ShaderModuleDescriptor { label: None, source });
+        let module = device.create_shader_module(wgpu::ShaderModuleDescriptor { label: None, source });
 
         let buffer = |binding: u32| {
             let storage = |read_only| wgpu::BufferBindingType::Storage { read_only };
-            let ty =
-                if binding == 0 { wgpu::BufferBindingType::Uniform } else { storage(binding < 4) };
+            let ty = if binding == 0 { wgpu::BufferBindingType::Uniform } else { storage(binding < 4) };
             wgpu::BindGroupLayoutEntry {
                 binding,
                 visibility: wgpu::ShaderStages::COMPUTE,
-                ty: wgpu::BindingType::Buffer {
-                    ty,
-                    has_dynamic_offset: false,
-                    min_binding_size: None,
-                },
+                ty: wgpu::BindingType::Buffer { ty, has_dynamic_offset: false, min_binding_size: None },
                 count: None,
             }
         };
         let entries: Vec<_> = (0..BUFFERS as u32).map(buffer).collect();
         let entries = &entries;
-        let layout = device
-            .create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: None, entries });
+        let layout =
+            device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: None, entries });
         let whole = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
             bind_group_layouts: &[Some(&layout)],
             ..Default::default()
@@ -205,8 +189,7 @@ impl Kernels {
             task.words().div_ceil(SUMMED_WORDS),
             task.seen_rows().div_ceil(SUMMED_ROWS),
         ];
-        let mut steps =
-            vec![(&self.aggregate, sums), (&self.along_rows, [rows.div_ceil(self.paths), 1, 1])];
+        let mut steps = vec![(&self.aggregate, sums), (&self.along_rows, [rows.div_ceil(self.paths), 1, 1])];
         if task.is_along_columns() {
             let bands = [cols.div_ceil(self.paths), task.bands(), 1];
             steps.extend([(&self.climb_columns, bands), (&self.fall_columns, bands)]);

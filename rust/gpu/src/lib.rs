@@ -83,8 +83,7 @@ impl Gpu {
     /// What it can do.
     pub fn limits(&self) -> Limits {
         let limits = self.device.limits();
-        let threads =
-            limits.max_compute_invocations_per_workgroup.min(limits.max_compute_workgroup_size_x);
+        let threads = limits.max_compute_invocations_per_workgroup.min(limits.max_compute_workgroup_size_x);
         let buffer = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size);
         Limits { threads: threads.into(), buffer, volume: self.most_bytes }
     }

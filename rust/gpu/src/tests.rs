@@ -112,8 +112,7 @@ impl Job {
         };
         let execution = Execution { threads: 2, level: Level::best() };
         let control = Control::default();
-        let map =
-            matcher.match_rows(&self.pair, &self.section, &self.settings, execution, &control);
+        let map = matcher.match_rows(&self.pair, &self.section, &self.settings, execution, &control);
         let map = map.expect("a legal match");
         let flags = map.flags.as_slice().iter().map(|flags| u32::from(*flags));
         map.disparity.as_slice().iter().map(|value| value.to_bits()).chain(flags).collect()
@@ -195,26 +194,24 @@ fn jobs() -> impl Strategy<Value = Job> {
     let widths = prop_oneof![1 => 1usize..=60, 1 => select(vec![63, 64, 65, 80, 81, 129, 150])];
     let places = prop::array::uniform5(any::<Index>());
     let shown = (select(vec![1u64, 15, 254]), any::<u64>());
-    (heights, widths, places, settings(), shown).prop_map(
-        |(rows, cols, places, settings, shown)| {
-            let [count, min, start, length, first] = places;
-            let count = 1 + count.index(cols.min(80));
-            let min = 1 - cols as i64 - (count as i64 - 1) + min.index(2 * cols + count - 2) as i64;
-            let pair = pair((rows, cols), (min, count as i64), shown.0, shown.1);
-            let has_versions = shown.1.is_multiple_of(3);
-            let tile = 1 + (shown.1 >> 8) as usize % 40;
-            let pair = if has_versions { compensated(pair, kernels(), tile) } else { pair };
+    (heights, widths, places, settings(), shown).prop_map(|(rows, cols, places, settings, shown)| {
+        let [count, min, start, length, first] = places;
+        let count = 1 + count.index(cols.min(80));
+        let min = 1 - cols as i64 - (count as i64 - 1) + min.index(2 * cols + count - 2) as i64;
+        let pair = pair((rows, cols), (min, count as i64), shown.0, shown.1);
+        let has_versions = shown.1.is_multiple_of(3);
+        let tile = 1 + (shown.1 >> 8) as usize % 40;
+        let pair = if has_versions { compensated(pair, kernels(), tile) } else { pair };
 
-            let start = start.index(rows);
-            let rows = start..start + 1 + length.index(rows - start);
-            let first = if shown.1.is_multiple_of(2) { 0 } else { first.index(200) };
-            let section = Section { rows, first, ..Section::whole(&pair) };
-            // Half of the jobs are cut into parts of one band.
-            let band = (4 * cols * count.div_ceil(4) * 96) as u64;
-            let most_bytes = if shown.1 % 4 < 2 { band } else { MOST_BYTES };
-            Job { pair, section, settings, most_bytes }
-        },
-    )
+        let start = start.index(rows);
+        let rows = start..start + 1 + length.index(rows - start);
+        let first = if shown.1.is_multiple_of(2) { 0 } else { first.index(200) };
+        let section = Section { rows, first, ..Section::whole(&pair) };
+        // Half of the jobs are cut into parts of one band.
+        let band = (4 * cols * count.div_ceil(4) * 96) as u64;
+        let most_bytes = if shown.1 % 4 < 2 { band } else { MOST_BYTES };
+        Job { pair, section, settings, most_bytes }
+    })
 }
 
 /// The same examples in every run.

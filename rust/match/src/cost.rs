@@ -202,8 +202,7 @@ pub struct Descriptions;
 
 impl Stage for Descriptions {
     fn bytes(&self, demand: &Demand) -> Bytes {
-        let PixelBytes { described, versions, .. } =
-            with_cost!(demand.plan.settings, C => C::bytes(demand));
+        let PixelBytes { described, versions, .. } = with_cost!(demand.plan.settings, C => C::bytes(demand));
         // The right image is kept unrolled: each row has one more clamped column per candidate.
         let unrolled = demand.cols + demand.candidates.next_multiple_of(LANES);
         let valid = demand.cols + unrolled;
@@ -268,11 +267,7 @@ impl<'a> Costs<'a> {
         control: &Control,
     ) -> Result<Self> {
         if !settings.compares_codes() && compensation.is_some_and(BlurCompensation::has_kernels) {
-            return Err(Error::value(
-                "blur_compensation",
-                "kernels for another cost",
-                "cost='phase'",
-            ));
+            return Err(Error::value("blur_compensation", "kernels for another cost", "cost='phase'"));
         }
 
         let input = CostInput { views, candidates, settings, compensation, level, control };
@@ -281,12 +276,9 @@ impl<'a> Costs<'a> {
         let (rows, cols) = views[0].size();
         let ceiling = ceiling_of(settings);
         let validity = Validity::new(views, candidates)?;
-        let valid = validity
-            .as_ref()
-            .map(|validity| valid(validity, (rows, cols), candidates))
-            .transpose()?;
-        let (steps, unrelated) =
-            (steps_of(settings), with_cost!(settings, C => C::unrelated(ceiling)));
+        let valid =
+            validity.as_ref().map(|validity| valid(validity, (rows, cols), candidates)).transpose()?;
+        let (steps, unrelated) = (steps_of(settings), with_cost!(settings, C => C::unrelated(ceiling)));
 
         Ok(Self { compared, candidates, cols, ceiling, steps, unrelated, validity, valid })
     }
@@ -378,13 +370,7 @@ impl<'a> Costs<'a> {
     /// Writes the costs of some columns of row `y`, the searched candidates of one column after another; 0
     /// where either pixel is invalid. Values beyond the last candidate are undefined.
     #[inline(always)]
-    pub fn write<V: Value>(
-        &self,
-        y: usize,
-        columns: Range<usize>,
-        searched: Searched,
-        out: &mut [Lanes<V>],
-    ) {
+    pub fn write<V: Value>(&self, y: usize, columns: Range<usize>, searched: Searched, out: &mut [Lanes<V>]) {
         let (values, stride) = (out.as_flattened_mut(), searched.runs() * LANES);
 
         for first in (0..stride).step_by(LANES) {
@@ -432,11 +418,7 @@ impl<'a> Costs<'a> {
     pub fn between(&self, y: usize, x: usize, column: usize) -> Option<u32> {
         debug_assert!(self.candidates.min() == 0 && column < self.cols);
         let place = self.cols - 1 - column;
-        if self
-            .valid
-            .as_ref()
-            .is_some_and(|(left, right)| left.row(y)[x] & right.row(y)[place] == 0)
-        {
+        if self.valid.as_ref().is_some_and(|(left, right)| left.row(y)[x] & right.row(y)[place] == 0) {
             return None;
         }
 

@@ -197,8 +197,7 @@ fn layers(gray: &Gray, settings: &Settings, noise: Option<f64>) -> Result<Vec<La
             return Ok(quantizer);
         }
 
-        let threshold =
-            weak_threshold(gray, &Basis::new(settings), settings.noise_threshold, noise)?;
+        let threshold = weak_threshold(gray, &Basis::new(settings), settings.noise_threshold, noise)?;
         Ok(quantizer.with_weak_level(threshold))
     };
 
@@ -221,13 +220,8 @@ fn layers(gray: &Gray, settings: &Settings, noise: Option<f64>) -> Result<Vec<La
 
 /// The magnitude up to which a real or imaginary part of a component is weak, a whole number.
 fn weak_threshold(gray: &Gray, basis: &Basis, weak: f64, noise: Option<f64>) -> Result<f64> {
-    let missing = || {
-        Error::value(
-            "noise",
-            "None",
-            "the noise of the images, which noise_threshold is relative to",
-        )
-    };
+    let missing =
+        || Error::value("noise", "None", "the noise of the images, which noise_threshold is relative to");
     let noise = check_noise(noise.ok_or_else(missing)?)?;
 
     // Beyond any component a larger threshold makes no difference; its square must be finite.
@@ -369,12 +363,7 @@ fn transform_rows<T: Lane>(
 
 /// Stores the codes of a row.
 #[leveled]
-fn store_row<R: RowOfCodes, W: Word>(
-    level: Level,
-    rows: &R,
-    words: [&[W]; 2],
-    row: &mut [R::Item],
-) {
+fn store_row<R: RowOfCodes, W: Word>(level: Level, rows: &R, words: [&[W]; 2], row: &mut [R::Item]) {
     rows.write(words, row);
 }
 

@@ -172,11 +172,7 @@ fn plan<'a>(pair: &'a Pair, settings: &'a Settings) -> Plan<'a> {
 
 fn thread_pool(threads: usize) -> Result<ThreadPool> {
     if !(1..=MOST_THREADS).contains(&threads) {
-        return Err(Error::value(
-            "threads",
-            threads,
-            format!("an integer from 1 to {MOST_THREADS}"),
-        ));
+        return Err(Error::value("threads", threads, format!("an integer from 1 to {MOST_THREADS}")));
     }
 
     ThreadPool::new(threads)
@@ -266,8 +262,7 @@ impl Matcher {
         let wanted = section.rows.start - around.start..section.rows.end - around.start;
         let widened = Section { rows: around, ..section.clone() };
 
-        let found =
-            self.pool.install(|| self.refined(pair, &widened, settings, execution, control))?;
+        let found = self.pool.install(|| self.refined(pair, &widened, settings, execution, control))?;
         Ok(found.of_rows(wanted))
     }
 
@@ -284,8 +279,7 @@ impl Matcher {
         settings.check()?;
         section.check(pair)?;
 
-        let found =
-            self.pool.install(|| self.refined(pair, section, settings, execution, control))?;
+        let found = self.pool.install(|| self.refined(pair, section, settings, execution, control))?;
         Ok(found.returned(settings))
     }
 
@@ -311,14 +305,7 @@ impl Matcher {
     ) -> Result<Unrefined<'a>> {
         let started = Instant::now();
         let (candidates, level) = (pair.candidates(), execution.level);
-        let costs = Costs::new(
-            pair.views(),
-            candidates,
-            settings,
-            pair.blur_compensation(),
-            level,
-            control,
-        )?;
+        let costs = Costs::new(pair.views(), candidates, settings, pair.blur_compensation(), level, control)?;
         let description = started.elapsed();
 
         let started = Instant::now();
@@ -418,10 +405,8 @@ impl Matcher {
     fn memory<M: Default + Send + 'static>(&self) -> (Box<M>, usize) {
         let mut spare = self.spare();
         let index = spare.iter().rposition(|spare| spare.memory.is::<M>());
-        let Spare { memory, bytes } = index.map_or_else(
-            || Spare { memory: Box::<M>::default(), bytes: 0 },
-            |index| spare.remove(index),
-        );
+        let Spare { memory, bytes } = index
+            .map_or_else(|| Spare { memory: Box::<M>::default(), bytes: 0 }, |index| spare.remove(index));
 
         (memory.downcast().unwrap_or_default(), bytes)
     }
@@ -458,8 +443,7 @@ impl<'a> Job<'a> {
             let (found, mut out) = (evidence.row(first + row), band.row(row));
             let found = if self.search.weighs(y) { found } else { found.bare() };
             // Without confidences, those of a sample say how much is wrong.
-            let is_voted =
-                self.settings.needs_confidence() || sample::is_weighed(self.search.first + y);
+            let is_voted = self.settings.needs_confidence() || sample::is_weighed(self.search.first + y);
             out.votes = out.votes.filter(|_| is_voted);
 
             writer.write(y, found, &mut checker, out, self.search.level)?;
@@ -478,10 +462,7 @@ impl<'a> Job<'a> {
             consistency: self.settings.lr_check.map(|most| most as u16),
             uniqueness: self.settings.uniqueness as u64,
             unit: self.window.unit(self.costs.steps()) as f32,
-            unrelated: self
-                .costs
-                .unrelated()
-                .map_or(NONE, |cost| (cost * self.window.unit(1)) as u32),
+            unrelated: self.costs.unrelated().map_or(NONE, |cost| (cost * self.window.unit(1)) as u32),
         }
     }
 }
@@ -498,14 +479,8 @@ impl Unrefined<'_> {
     ) -> Result<Disparity> {
         let started = Instant::now();
         let (views, compensation) = (pair.views(), pair.blur_compensation());
-        let blurred_pair = synthesis::BlurredPair::new(
-            views,
-            compensation,
-            rows.clone(),
-            settings,
-            level,
-            control,
-        )?;
+        let blurred_pair =
+            synthesis::BlurredPair::new(views, compensation, rows.clone(), settings, level, control)?;
         let is_whole = rows.len() == pair.size().0;
         let texture = self.texture.map(|texture| texture.of_rows(rows));
 
@@ -542,15 +517,9 @@ impl Disparity {
     }
 
     /// Calibrates raw confidences, if there are any, by the sums over the whole map.
-    fn calibrated(
-        mut self,
-        tally: Option<Tally>,
-        faults: Faults,
-        optimizer: Optimizer,
-    ) -> Result<Self> {
+    fn calibrated(mut self, tally: Option<Tally>, faults: Faults, optimizer: Optimizer) -> Result<Self> {
         if let (Some(tally), Some(confidence)) = (tally, &mut self.confidence) {
-            let calibration =
-                ConfidenceCalibration::new(&traits(tally, faults), Weights::of(optimizer));
+            let calibration = ConfidenceCalibration::new(&traits(tally, faults), Weights::of(optimizer));
             let bars = calibration.apply(confidence, &self.disparity, &self.flags)?;
             self.uncertainty = Some(bars);
         }

@@ -56,9 +56,7 @@ use crate::settings::Optimizer;
 use self::ordered::Ordered;
 pub use self::ordered::ROWS as ORDERED_ROWS;
 use self::panel_ranges::PanelRanges;
-use self::paths::{
-    AdaptivePenalties, Horizontal, HorizontalPass, Panel, Smoothness, Vertical, VerticalPass,
-};
+use self::paths::{AdaptivePenalties, Horizontal, HorizontalPass, Panel, Smoothness, Vertical, VerticalPass};
 pub use self::paths::{STRIDE, STRIP};
 pub use self::penalties::{LARGEST_SUMMED_PENALTY, Penalties};
 use self::selection::{PIXELS, Selection};
@@ -213,8 +211,7 @@ pub fn band_height(optimizer: Optimizer, candidates: usize, rows: usize) -> usiz
 impl CandidateSearch<'_> {
     /// The bands that some rows of the image lie in, each clipped to these rows.
     pub fn bands(&self, rows: Range<usize>) -> impl Iterator<Item = Range<usize>> + use<> {
-        let (height, first) =
-            (band_height(self.optimizer, self.candidates, self.size.0), self.first);
+        let (height, first) = (band_height(self.optimizer, self.candidates, self.size.0), self.first);
         let mut start = rows.start;
 
         std::iter::from_fn(move || {
@@ -304,8 +301,7 @@ impl CandidateSearch<'_> {
         let searched = |x: usize| self.searched(rows.start, x);
         let most = (0..cols).step_by(PANEL).map(|x| searched(x).runs()).max().unwrap_or_default();
 
-        let Workspace { aggregator, costs, horizontal, vertical, selection, evidence, .. } =
-            workspace;
+        let Workspace { aggregator, costs, horizontal, vertical, selection, evidence, .. } = workspace;
 
         costs.resize(seen.len() * STRIPS * STRIDE * most)?;
         selection.begin(most)?;
@@ -314,8 +310,7 @@ impl CandidateSearch<'_> {
             vertical.begin(rows.len(), most)?;
         }
 
-        let smoothness =
-            Smoothness { penalties: AdaptivePenalties::new(self.penalties), edges: self.edges };
+        let smoothness = Smoothness { penalties: AdaptivePenalties::new(self.penalties), edges: self.edges };
         // The look-ahead columns of a panel are the first strip of the next one, and keep their costs in the
         // ring.
         let (mut before, mut first) = (None, 0);
@@ -349,14 +344,7 @@ impl CandidateSearch<'_> {
 
             let means = horizontal.means();
             if is_vertical {
-                self.level.run(VerticalPass {
-                    vertical,
-                    panel,
-                    means,
-                    smoothness,
-                    selection,
-                    evidence,
-                });
+                self.level.run(VerticalPass { vertical, panel, means, smoothness, selection, evidence });
             } else {
                 select_pixels(
                     self.level,
@@ -425,8 +413,7 @@ impl CandidateSearch<'_> {
             }
 
             let runtime = (self.level, self.control);
-            let chosen =
-                ordered.choose((block, costs), self.candidates, self.penalties, runtime)?;
+            let chosen = ordered.choose((block, costs), self.candidates, self.penalties, runtime)?;
             self.level.run(WeighRows {
                 search: self,
                 block,
@@ -466,9 +453,8 @@ fn select_pixels<T: Value>(
             selection.settle(totals, runs);
 
             if search.weighs(block.rows.start + row) {
-                let costs = costs.map(|(block, costs)| {
-                    &costs[block.place(strip, row) * runs..][..pixels * runs]
-                });
+                let costs =
+                    costs.map(|(block, costs)| &costs[block.place(strip, row) * runs..][..pixels * runs]);
                 selection.weigh(totals, costs, (searched.count, runs));
                 selection.number_from(searched.start);
                 selection.write(pixels, evidence, (row, columns.start));
@@ -533,9 +519,7 @@ pub fn optimize(
 ) -> Result<Plane<u16>> {
     let size @ (rows, cols) = (volume.rows(), volume.cols() / candidates);
     // Costs and penalties up to this limit have totals that 32 bits hold.
-    if let Some(cost) =
-        volume.as_slice().iter().find(|cost| u64::from(**cost) > LARGEST_SUMMED_PENALTY)
-    {
+    if let Some(cost) = volume.as_slice().iter().find(|cost| u64::from(**cost) > LARGEST_SUMMED_PENALTY) {
         return Err(Error::value("costs", cost, format!("costs up to {LARGEST_SUMMED_PENALTY}")));
     }
 

@@ -100,11 +100,7 @@ impl Pair {
 
     /// A pair of any two images: the right one is brought to the size of the left one, and its pixels to the
     /// unit of those. Black borders are masked, and what is burnt in at the same place of both.
-    pub fn of_any(
-        [left, right]: [Input; 2],
-        min_disparity: i64,
-        num_disparities: i64,
-    ) -> Result<Self> {
+    pub fn of_any([left, right]: [Input; 2], min_disparity: i64, num_disparities: i64) -> Result<Self> {
         left.check("left")?;
         right.check("right")?;
 
@@ -208,12 +204,7 @@ impl Pair {
     }
 
     /// The pair with the right image resampled so that its rows correspond to those of the left one.
-    pub fn straightened(
-        self,
-        alignment: &Alignment,
-        level: Level,
-        control: &Control,
-    ) -> Result<Self> {
+    pub fn straightened(self, alignment: &Alignment, level: Level, control: &Control) -> Result<Self> {
         let right = straightened(&self.right, alignment, level, control)?;
         Ok(Self { right, ..self })
     }
@@ -226,8 +217,7 @@ impl Pair {
     /// Some rows of the images.
     pub fn of_rows(&self, rows: Range<usize>) -> Self {
         let [left, right] = [&self.left, &self.right].map(|view| view.of_rows(rows.clone()));
-        let compensation =
-            self.compensation.clone().map(|compensation| compensation.below(rows.start));
+        let compensation = self.compensation.clone().map(|compensation| compensation.below(rows.start));
 
         Self { left, right, compensation, overlays: self.overlays.clone(), ..*self }
     }

@@ -86,11 +86,7 @@ impl MapWriter<'_> {
     /// The disparity of a chosen candidate, NaN where nothing can be estimated.
     #[inline(always)]
     fn disparity(&self, chosen: u16, flags: u16) -> f32 {
-        if flags & flag::MISSING == 0 {
-            self.candidates.disparity(chosen.into()) as f32
-        } else {
-            f32::NAN
-        }
+        if flags & flag::MISSING == 0 { self.candidates.disparity(chosen.into()) as f32 } else { f32::NAN }
     }
 
     /// Flags matches outside the right image.
@@ -104,12 +100,7 @@ impl MapWriter<'_> {
     }
 
     /// The flags of pixel `(y, x)` by its validity and that of its match, which may be flagged as outside.
-    fn flag_invalid(
-        validity: &Validity,
-        (y, x): (usize, usize),
-        chosen: usize,
-        outside: u16,
-    ) -> u16 {
+    fn flag_invalid(validity: &Validity, (y, x): (usize, usize), chosen: usize, outside: u16) -> u16 {
         // `NO_CANDIDATE` before `MATCH_MASKED`: the choice among no valid candidates means nothing.
         if validity.is_masked(y, x) {
             flag::MASKED
@@ -169,9 +160,7 @@ fn write_map_row(
     }
 
     if let Some(votes) = votes {
-        for (vote, (&best, &second_best)) in
-            votes.iter_mut().zip(found.best.iter().zip(found.second_best))
-        {
+        for (vote, (&best, &second_best)) in votes.iter_mut().zip(found.best.iter().zip(found.second_best)) {
             let second_best = if second_best == NONE { writer.unrelated } else { second_best };
             *vote = confidence::vote(CostMargin::new(best, second_best), writer.unit);
         }
@@ -259,9 +248,7 @@ impl Draft<'_> {
         }
 
         if settings.median > 0 {
-            replace(&mut disparity, &mut spare, |from, to| {
-                median::smooth(from, to, level, control)
-            })?;
+            replace(&mut disparity, &mut spare, |from, to| median::smooth(from, to, level, control))?;
         }
 
         if let (Some(pair), Some(texture)) = (blurred_pair, texture) {

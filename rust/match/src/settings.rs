@@ -40,9 +40,7 @@ impl Settings {
             ("denoise", self.denoise),
             ("scales", self.scales),
         ];
-        if let Some((name, _)) =
-            of_codes.into_iter().find(|(_, is_on)| *is_on && !self.compares_codes())
-        {
+        if let Some((name, _)) = of_codes.into_iter().find(|(_, is_on)| *is_on && !self.compares_codes()) {
             return Err(Error::value(name, "True", "False unless cost = 'phase'"));
         }
 
@@ -143,15 +141,9 @@ impl Settings {
 
     fn check_weak(&self) -> Result<()> {
         if self.has_weak() && (self.bits, self.compares_codes()) != (2, true) {
-            let got = format!(
-                "{} with bits = {} and the cost {:?}",
-                self.noise_threshold, self.bits, self.cost
-            );
-            return Err(Error::value(
-                "noise_threshold",
-                got,
-                "0 unless bits = 2 and cost = 'phase'",
-            ));
+            let got =
+                format!("{} with bits = {} and the cost {:?}", self.noise_threshold, self.bits, self.cost);
+            return Err(Error::value("noise_threshold", got, "0 unless bits = 2 and cost = 'phase'"));
         }
 
         Ok(())
@@ -177,10 +169,7 @@ impl Settings {
         let with_weak = if self.has_weak() { " and a weak level" } else { "" };
         Err(Error::value(
             "frequencies (r, s) and bits (b)",
-            format!(
-                "r = {r}, s = {s} and b = {}{with_weak}, which need {length} bits a pixel",
-                self.bits
-            ),
+            format!("r = {r}, s = {s} and b = {}{with_weak}, which need {length} bits a pixel", self.bits),
             "settings whose code (r (2 s + 1) + s) * 2^(b - 1), twice that with a weak level, fits in 64 bits",
         ))
     }
@@ -245,25 +234,18 @@ mod tests {
     #[test]
     fn texts_are_read_as_in_python_or_in_small_letters() {
         let mut settings = Settings::default();
-        for (name, text) in
-            [("intensity_range", "0, 4095"), ("fill", "false"), ("lr_check", "none")]
-        {
+        for (name, text) in [("intensity_range", "0, 4095"), ("fill", "false"), ("lr_check", "none")] {
             assert_eq!(settings.set(name, text), Ok(()));
         }
         assert_eq!(settings.intensity_range, Some((0.0, 4095.0)));
         assert_eq!((settings.fill, settings.lr_check), (false, None));
 
-        let message =
-            |name, text| Settings::default().set(name, text).expect_err("refused").to_string();
+        let message = |name, text| Settings::default().set(name, text).expect_err("refused").to_string();
         for (name, text, expected) in [
             ("cost", "ssd", "cost: got 'ssd'; accepts 'phase', 'sad', 'nsad', 'zncc'"),
             ("fill", "yes", "fill: got 'yes'; accepts True or False"),
             ("frequencies", "2", "frequencies: got '2'; accepts a pair of integers"),
-            (
-                "lr_check",
-                "-1",
-                "lr_check: got '-1'; accepts an integer that is not negative or None",
-            ),
+            ("lr_check", "-1", "lr_check: got '-1'; accepts an integer that is not negative or None"),
             ("p1", "one", "p1: got 'one'; accepts a number"),
         ] {
             assert_eq!(message(name, text), expected);
@@ -281,8 +263,7 @@ mod tests {
 
     #[test]
     fn a_weak_level_needs_two_bits_of_phase_and_doubles_the_code() {
-        let weak =
-            |bits, cost| Settings { noise_threshold: 1.0, bits, cost, ..Preset::Paper.settings() };
+        let weak = |bits, cost| Settings { noise_threshold: 1.0, bits, cost, ..Preset::Paper.settings() };
         assert_eq!(weak(2, CostKind::Phase).check(), Ok(()));
 
         assert_eq!(weak(2, CostKind::Phase).code_length(), 28);

@@ -98,10 +98,8 @@ pub fn read_input(image: &Bound<'_, PyAny>, mask: &Bound<'_, PyAny>, name: &str)
 
     let (rows, cols, channels) = image.shape();
     if rows == 0 || cols == 0 || !matches!(channels, 1 | 3) {
-        let message = format!(
-            "{name}: got shape {:?}; accepts at least one pixel, 1 or 3 channels",
-            image.shape()
-        );
+        let message =
+            format!("{name}: got shape {:?}; accepts at least one pixel, 1 or 3 channels", image.shape());
         return Err(PyValueError::new_err(message).into());
     }
 
@@ -201,10 +199,7 @@ impl<'py> Statistics<'py> {
             compensation: read_blur_compensation(&statistics.getattr("blur_compensation")?)?,
             alignment: read_alignment(&statistics.getattr("alignment")?)?,
             is_inverted: statistics.getattr("is_inverted")?.extract()?,
-            disparities: (
-                statistics.getattr("min_disparity")?,
-                statistics.getattr("num_disparities")?,
-            ),
+            disparities: (statistics.getattr("min_disparity")?, statistics.getattr("num_disparities")?),
             conversions: as_conversions(
                 statistics.getattr("packing")?.extract()?,
                 statistics.getattr("ranges")?.extract()?,
@@ -228,9 +223,9 @@ pub fn read_alignment(alignment: &Bound<'_, PyAny>) -> Result<Option<Alignment>>
     }
 
     let coefficients = alignment.getattr("coefficients")?;
-    let factors: [f64; TERMS] = coefficients.extract().map_err(|_| {
-        wrong_type(&coefficients, "alignment", "eight coefficients, in a tuple of floats")
-    })?;
+    let factors: [f64; TERMS] = coefficients
+        .extract()
+        .map_err(|_| wrong_type(&coefficients, "alignment", "eight coefficients, in a tuple of floats"))?;
     let field = Alignment::new(factors, alignment.getattr("size")?.extract()?)?;
 
     let sway = alignment.getattr("sway")?;
@@ -238,9 +233,9 @@ pub fn read_alignment(alignment: &Bound<'_, PyAny>) -> Result<Option<Alignment>>
     if factors.is_empty() && sway.is_instance_of::<PyTuple>() && sway.is_empty()? {
         return Ok(Some(field));
     }
-    let factors = factors.try_into().map_err(|_| {
-        wrong_type(&sway, "alignment", "as sway an empty tuple, or 19 floats in a tuple")
-    })?;
+    let factors = factors
+        .try_into()
+        .map_err(|_| wrong_type(&sway, "alignment", "as sway an empty tuple, or 19 floats in a tuple"))?;
     Ok(Some(field.with_sway(factors)?))
 }
 
@@ -282,8 +277,7 @@ pub fn read_blur_compensation(compensation: &Bound<'_, PyAny>) -> Result<Option<
     let labels = Plane::from_vec(rows, cols, values(labels)?)?;
 
     let noise = [number(&left, "noise")?, number(&right, "noise")?];
-    let compensation =
-        BlurCompensation::new(noise, kernels, labels, natural(&field("tile")?, "tile")?)?;
+    let compensation = BlurCompensation::new(noise, kernels, labels, natural(&field("tile")?, "tile")?)?;
 
     let deviations = |name: &'static str| -> Result<[f64; 2]> {
         let (left, right) = both(&field(name)?, name, "a pair of numbers (left, right)")?;
@@ -338,8 +332,7 @@ fn integer(value: &Bound<'_, PyAny>, name: &'static str) -> Result<i64> {
 
 pub fn natural(value: &Bound<'_, PyAny>, name: &'static str) -> Result<usize> {
     let whole = integer(value, name)?;
-    usize::try_from(whole)
-        .map_err(|_| Error::value(name, whole, "an integer that is not negative").into())
+    usize::try_from(whole).map_err(|_| Error::value(name, whole, "an integer that is not negative").into())
 }
 
 pub fn number(value: &Bound<'_, PyAny>, name: &'static str) -> Result<f64> {

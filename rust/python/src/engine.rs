@@ -51,12 +51,7 @@ impl Device {
 }
 
 impl Engine for Device {
-    fn choose(
-        &self,
-        rows: Range<usize>,
-        chunk: &Chunk,
-        evidence: &mut Evidence,
-    ) -> error::Result<bool> {
+    fn choose(&self, rows: Range<usize>, chunk: &Chunk, evidence: &mut Evidence) -> error::Result<bool> {
         if self.failure.get().is_some() {
             return Ok(false);
         }

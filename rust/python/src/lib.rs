@@ -31,8 +31,8 @@ use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyDict};
 
 use self::arguments::{
-    Both, Statistics, read_alignment, read_any_images, read_blur_compensation, read_input,
-    read_inputs, read_noise, read_pair, read_preset, read_range, read_search, read_volume,
+    Both, Statistics, read_alignment, read_any_images, read_blur_compensation, read_input, read_inputs,
+    read_noise, read_pair, read_preset, read_range, read_search, read_volume,
 };
 use self::failure::{Failure, Result};
 use self::keep::kept_pixels;
@@ -104,18 +104,18 @@ macro_rules! named {
 #[pymodule(gil_used = false)]
 mod _core {
     use super::{
-        BAND, Bound, IntoPyDict, LARGER, LEAST_SIZE, MOST_CLASSES, MOST_DISPARITIES, MUCH_LARGER,
-        Preset, PyModule, PyModuleMethods, Result, Topic, every_setting, flag, verdict, warm_up,
+        BAND, Bound, IntoPyDict, LARGER, LEAST_SIZE, MOST_CLASSES, MOST_DISPARITIES, MUCH_LARGER, Preset,
+        PyModule, PyModuleMethods, Result, Topic, every_setting, flag, verdict, warm_up,
     };
 
     #[pymodule_export]
     use super::{
-        Back, Ready, Rig, Scale, Setting, TemporalFilter, Workers, aggregate_volume,
-        check_blur_compensation, check_noise, check_settings, cost_volume, descriptor,
-        estimate_pair, estimate_pair_by_rows, find_borders, find_overlays, find_roughness,
-        find_scale, fit_right, halo, kept_pixels, match_pair, match_raw, match_rows, observe_maps,
-        optimize_volume, prepare_pair, preset, rays_of_pixels, rectify_pairs, register_depths,
-        release_memory, rows_to_tally, self_check, simd_level, verify_map, working_memory,
+        Back, Ready, Rig, Scale, Setting, TemporalFilter, Workers, aggregate_volume, check_blur_compensation,
+        check_noise, check_settings, cost_volume, descriptor, estimate_pair, estimate_pair_by_rows,
+        find_borders, find_overlays, find_roughness, find_scale, fit_right, halo, kept_pixels, match_pair,
+        match_raw, match_rows, observe_maps, optimize_volume, prepare_pair, preset, rays_of_pixels,
+        rectify_pairs, register_depths, release_memory, rows_to_tally, self_check, simd_level, verify_map,
+        working_memory,
     };
 
     #[pymodule_init]
@@ -352,8 +352,7 @@ fn estimate_pair_by_rows<'py>(
     let reader = Reader::new(read, size, search, scale)?;
 
     let pool = Pool::for_argument(threads)?;
-    let as_overlay =
-        |(top, bottom, left, right)| Overlay { rows: top..bottom, columns: left..right };
+    let as_overlay = |(top, bottom, left, right)| Overlay { rows: top..bottom, columns: left..right };
     let overlays: Vec<_> = overlays.into_iter().map(as_overlay).collect();
     let source = Arc::clone(&reader);
     let estimates = supervised(py, &pool, size.0, None, move |runtime| {
@@ -415,9 +414,7 @@ fn find_borders<'py>(
         })
     });
     let of_side = |found: Option<(border::Border, f64)>| {
-        found.map_or((0.0, None), |(border, share)| {
-            (share, Some(border.runs.concat().into_pyarray(py)))
-        })
+        found.map_or((0.0, None), |(border, share)| (share, Some(border.runs.concat().into_pyarray(py))))
     };
     Ok(found.map_err(|failure| reader.reason(failure))?.map(of_side).into())
 }
@@ -437,8 +434,7 @@ fn find_overlays(
     let found = supervised(py, &Pool::new(1)?, size.0, None, move |runtime| {
         overlay::overlays(&*source, runtime.control)
     });
-    let of_one =
-        |Overlay { rows, columns }: Overlay| (rows.start, rows.end, columns.start, columns.end);
+    let of_one = |Overlay { rows, columns }: Overlay| (rows.start, rows.end, columns.start, columns.end);
     let found = found.map_err(|failure| reader.reason(failure))?;
     Ok(found.into_iter().map(of_one).collect())
 }
@@ -615,8 +611,7 @@ impl PartOfPair {
 
         let pool = Pool::for_argument(threads)?;
         // Progress counts the rows that are chosen, which are more than those wanted.
-        let plan =
-            Plan { settings: &settings, compensation: compensation.as_ref(), alignment: None };
+        let plan = Plan { settings: &settings, compensation: compensation.as_ref(), alignment: None };
         let halo = Halo::new(plan).map;
         let chosen = section.widened(halo, &pair).len();
         supervised(py, &pool, chosen, progress, move |runtime| {
@@ -680,8 +675,7 @@ fn cost_volume<'py>(
         let Runtime { execution: Execution { level, .. }, control, .. } = runtime;
         let pair = pair.with_blur_compensation(compensation, level, control)?;
         let (views, candidates) = (pair.views(), pair.candidates());
-        let costs =
-            Costs::new(views, candidates, &settings, pair.blur_compensation(), level, control)?;
+        let costs = Costs::new(views, candidates, &settings, pair.blur_compensation(), level, control)?;
         costs.volume(rows, level, control)
     })?;
 
@@ -720,14 +714,7 @@ fn optimize_volume<'py>(
     let penalties = Penalties { p1, p2 };
 
     let chosen = supervised(py, &Pool::new(1)?, rows, None, move |runtime| {
-        optimize(
-            &costs,
-            count,
-            settings.optimizer,
-            penalties,
-            runtime.execution.level,
-            runtime.control,
-        )
+        optimize(&costs, count, settings.optimizer, penalties, runtime.execution.level, runtime.control)
     })?;
 
     wrap(py, chosen)

@@ -11,8 +11,7 @@ use super::wrap;
 use crate::failure::Result;
 use phasestereo::Finding;
 use phasestereo::found::{
-    Blur, BlurEstimate, Cameras, CompensationPlan, Contrast, Photometry, Psf, RowOffsets, Side,
-    Taps,
+    Blur, BlurEstimate, Cameras, CompensationPlan, Contrast, Photometry, Psf, RowOffsets, Side, Taps,
 };
 use phasestereo::internals::match_pair;
 use phasestereo::internals::verification::Verification;
@@ -147,11 +146,7 @@ pub fn verification<'py>(
 }
 
 /// The estimates of a pair.
-pub fn estimates<'py>(
-    py: Python<'py>,
-    found: Estimates,
-    asked: &Asked<'py>,
-) -> Result<Object<'py>> {
+pub fn estimates<'py>(py: Python<'py>, found: Estimates, asked: &Asked<'py>) -> Result<Object<'py>> {
     let photometry = found.photometry.as_ref().map(|all| photometry_of(py, all)).transpose()?;
     let findings = findings_of(py, found.findings.clone())?;
 
@@ -186,11 +181,7 @@ fn map_fields(py: Python<'_>, map: Disparity, estimation: Duration) -> Result<Bo
 }
 
 /// The fields that estimates and results share.
-fn estimated<'py>(
-    py: Python<'py>,
-    found: Estimates,
-    asked: &Asked<'py>,
-) -> Result<Bound<'py, PyDict>> {
+fn estimated<'py>(py: Python<'py>, found: Estimates, asked: &Asked<'py>) -> Result<Bound<'py, PyDict>> {
     let search = search_of(py, &found, asked.is_searched)?;
     let is_applied = found.alignment.is_some();
     let alignment = found.offsets.map(|offsets| alignment_of(py, &offsets, is_applied));
@@ -272,11 +263,7 @@ pub fn calibration<'py>(py: Python<'py>, cameras: &Cameras) -> Result<Bound<'py,
 }
 
 /// The field of rows.
-pub fn alignment_of<'py>(
-    py: Python<'py>,
-    offsets: &RowOffsets,
-    is_applied: bool,
-) -> Result<Object<'py>> {
+pub fn alignment_of<'py>(py: Python<'py>, offsets: &RowOffsets, is_applied: bool) -> Result<Object<'py>> {
     object!(py, "rig.alignment", "Alignment", [offsets: error, blocks, spread]
         coefficients: PyTuple::new(py, offsets.field.coefficients())?,
         sway: PyTuple::new(py, offsets.field.sway().map_or(&[][..], |all| &all[..]))?,
@@ -352,12 +339,10 @@ fn blur_of<'py>(py: Python<'py>, blur: &Blur) -> Result<Object<'py>> {
 }
 
 fn photometry_of<'py>(py: Python<'py>, found: &Photometry) -> Result<Object<'py>> {
-    let [left, right] = found
-        .saturation
-        .map(|side| object!(py, "rig.photometry", "Saturation", [side: dark, bright]));
-    let contrast = found
-        .contrast
-        .map(|curve| object!(py, "rig.photometry", "Contrast", [curve: gain, gamma, ratio]));
+    let [left, right] =
+        found.saturation.map(|side| object!(py, "rig.photometry", "Saturation", [side: dark, bright]));
+    let contrast =
+        found.contrast.map(|curve| object!(py, "rig.photometry", "Contrast", [curve: gain, gamma, ratio]));
 
     object!(py, "rig.photometry", "Photometry",
         intensity_range: found.range, saturation: (left?, right?), contrast: contrast.transpose()?,

@@ -109,20 +109,13 @@ impl Source for Reader {
 }
 
 /// How both images are converted, for the core.
-pub fn as_conversions(
-    (step, bits, left, right): PackingTuple,
-    ranges: Option<Ranges>,
-) -> [Conversion; 2] {
+pub fn as_conversions((step, bits, left, right): PackingTuple, ranges: Option<Ranges>) -> [Conversion; 2] {
     let integers = (bits > 0).then_some(Integers { step, bits });
     let range = |(black, white)| IntensityRange { black, white };
     let of_left = ranges.map(|(left, _)| range(left));
     let of_right = ranges.map(|(_, right)| range(right));
 
-    [(left, of_left), (right, of_right)].map(|(is_gray, range)| Conversion {
-        integers,
-        is_gray,
-        range,
-    })
+    [(left, of_left), (right, of_right)].map(|(is_gray, range)| Conversion { integers, is_gray, range })
 }
 
 impl From<[Conversion; 2]> for Scale {
@@ -132,8 +125,7 @@ impl From<[Conversion; 2]> for Scale {
         let ranges = left.range.zip(right.range);
         Self {
             packing: (step, bits, left.is_gray, right.is_gray),
-            ranges: ranges
-                .map(|(left, right)| ((left.black, left.white), (right.black, right.white))),
+            ranges: ranges.map(|(left, right)| ((left.black, left.white), (right.black, right.white))),
         }
     }
 }

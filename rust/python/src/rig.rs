@@ -92,15 +92,12 @@ impl Rig {
     /// The cameras of raw images, and the size of these; None: images are rectified, or nothing is known.
     #[getter]
     #[expect(clippy::type_complexity, reason = "what Python unpacks")]
-    fn cameras<'py>(
-        &self,
-        py: Python<'py>,
-    ) -> Result<Option<(Bound<'py, PyDict>, (usize, usize))>> {
+    fn cameras<'py>(&self, py: Python<'py>) -> Result<Option<(Bound<'py, PyDict>, (usize, usize))>> {
         let rig = self.last();
         let geometry = rig.geometry.as_ref();
         let raw = geometry.and_then(|geometry| Some((geometry.cameras.as_ref()?, geometry.size)));
-        let cameras = raw
-            .map(|(raw, size)| Ok((objects::calibration(py, &raw.rectification.cameras)?, size)));
+        let cameras =
+            raw.map(|(raw, size)| Ok((objects::calibration(py, &raw.rectification.cameras)?, size)));
         cameras.transpose()
     }
 }

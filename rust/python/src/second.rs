@@ -37,8 +37,7 @@ pub fn with_second<'py>(
     };
 
     let rows = matched.prepared.pair.size().0;
-    let (matched, said) =
-        supervised(py, pool, rows, None, move |runtime| fused(matched, second, runtime))?;
+    let (matched, said) = supervised(py, pool, rows, None, move |runtime| fused(matched, second, runtime))?;
     let summary = matched.summary();
     Ok((Frame { matched, summary, ..frame }, said, Some(started.elapsed())))
 }

@@ -85,11 +85,7 @@ pub fn write_settings<'py>(py: Python<'py>, settings: &Settings) -> Result<Bound
 }
 
 /// Reads the value of a setting, or a part of it that is of this kind; an exception names the setting.
-fn read_value(
-    object: &Bound<'_, PyAny>,
-    kind: &Kind,
-    setting: &SettingDescription,
-) -> Result<Value> {
+fn read_value(object: &Bound<'_, PyAny>, kind: &Kind, setting: &SettingDescription) -> Result<Value> {
     let name = setting.name;
     Ok(match kind {
         Kind::Boolean => {

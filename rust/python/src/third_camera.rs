@@ -36,8 +36,7 @@ pub fn register_depths<'py>(
     let pool = Pool::for_argument(&py.None().into_bound(py))?;
     let (found, others) = supervised(py, &pool, depth.rows(), None, move |means| {
         let found = register(&depth, &left, &camera, means.control)?;
-        let others: Vec<_> =
-            others.iter().map(|depth| camera.moved(depth, &found.source, &left)).collect();
+        let others: Vec<_> = others.iter().map(|depth| camera.moved(depth, &found.source, &left)).collect();
         Ok((found, others))
     })?;
 

@@ -123,8 +123,7 @@ impl Pool {
     /// Waits for the turn of a call to run; `None` if it does not come within `patience`.
     pub fn turn(self: &Arc<Self>, patience: Duration) -> Option<Turn> {
         let calls = self.calls.lock().unwrap_or_else(PoisonError::into_inner);
-        let waited =
-            self.call_ended.wait_timeout_while(calls, patience, |calls| *calls >= MOST_CALLS);
+        let waited = self.call_ended.wait_timeout_while(calls, patience, |calls| *calls >= MOST_CALLS);
 
         let (mut calls, _) = waited.unwrap_or_else(PoisonError::into_inner);
         (*calls < MOST_CALLS).then(|| {
@@ -143,11 +142,7 @@ pub struct Turn(Arc<Pool>);
 
 impl Turn {
     /// Starts the work of the call on the threads. If it panics, the receiver is disconnected.
-    pub fn start(
-        self,
-        control: &Arc<Control>,
-        work: Box<Work>,
-    ) -> Receiver<phasestereo::Result<()>> {
+    pub fn start(self, control: &Arc<Control>, work: Box<Work>) -> Receiver<phasestereo::Result<()>> {
         let (finish, finished) = channel();
         let pool = Arc::clone(&self.0);
         let control = Arc::clone(control);

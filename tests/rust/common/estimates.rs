@@ -18,12 +18,7 @@ pub fn of_blur() -> Settings {
 }
 
 /// Noise and blur of a pair whose disparities are known.
-pub fn estimate(
-    pair: &Pair,
-    matcher: &Matcher,
-    execution: Execution,
-    control: &Control,
-) -> Result<Estimate> {
+pub fn estimate(pair: &Pair, matcher: &Matcher, execution: Execution, control: &Control) -> Result<Estimate> {
     let candidates = Some(Fact::given(pair.candidates()));
     let facts = &Facts { candidates, ..Facts::default() };
     let runtime = Runtime { matcher, execution, control };

@@ -16,9 +16,7 @@ use phasestereo_match::image::pixels::{Image, Input};
 use phasestereo_match::image::view::{Mask, View};
 use phasestereo_match::pair::blur_compensation::{BlurCompensation, MOST_CLASSES};
 use phasestereo_match::settings::presets::Preset;
-use phasestereo_match::settings::{
-    CostKind, MOST_DISPARITIES, Optimizer, Precision, Settings, Taper,
-};
+use phasestereo_match::settings::{CostKind, MOST_DISPARITIES, Optimizer, Precision, Settings, Taper};
 use proptest::prelude::*;
 use proptest::sample::select;
 use proptest::test_runner::RngSeed;
@@ -86,14 +84,8 @@ pub fn descriptors() -> impl Strategy<Value = Settings> {
         "no legal descriptor",
         |(neighborhood, taper, r, s, power, bits)| {
             let frequencies = (r, s);
-            let settings = Settings {
-                neighborhood,
-                taper,
-                frequencies,
-                power,
-                bits,
-                ..Preset::Paper.settings()
-            };
+            let settings =
+                Settings { neighborhood, taper, frequencies, power, bits, ..Preset::Paper.settings() };
 
             settings.check().is_ok().then_some(settings)
         },
@@ -106,11 +98,8 @@ pub fn weak_descriptors() -> impl Strategy<Value = Settings> {
     let weak = prop_oneof![1 => Just(0.0), 1 => Just(100.0), 6 => 0.01..4.0f64];
     (descriptors(), weak, 1usize..=2).prop_map(|(descriptor, weak, sizes)| {
         let wanted = [(weak, sizes), (0.0, sizes), (weak, 1)];
-        let settings = wanted.map(|(noise_threshold, sizes)| Settings {
-            noise_threshold,
-            sizes,
-            ..descriptor.clone()
-        });
+        let settings =
+            wanted.map(|(noise_threshold, sizes)| Settings { noise_threshold, sizes, ..descriptor.clone() });
         settings.into_iter().find(|settings| settings.check().is_ok()).unwrap_or(descriptor)
     })
 }
@@ -158,8 +147,7 @@ pub fn blur_compensation() -> impl Strategy<Value = BlurCompensation> {
 
         let kernels = kernels.into_iter().map(|(left, right)| [left, right]).collect();
 
-        let compensation =
-            BlurCompensation::new(noise, kernels, labels, tile).expect("legal compensation");
+        let compensation = BlurCompensation::new(noise, kernels, labels, tile).expect("legal compensation");
         let compensation = compensation.with_impulses(impulses).expect("legal heights");
         compensation.with_smoothing(smoothing).expect("legal deviations")
     })
@@ -264,8 +252,7 @@ pub fn every_descriptor(neighborhood: usize) -> impl Iterator<Item = Settings> {
 
     families.flat_map(|(f, k)| (1..=4).map(move |b| (f, k, b))).filter_map(
         move |(frequencies, power, bits)| {
-            let settings =
-                Settings { neighborhood, frequencies, power, bits, ..Preset::Paper.settings() };
+            let settings = Settings { neighborhood, frequencies, power, bits, ..Preset::Paper.settings() };
             settings.check().is_ok().then_some(settings)
         },
     )
@@ -312,8 +299,7 @@ pub fn inputs(rows: usize, cols: usize, kind: u8) -> impl Strategy<Value = Input
     let mask = prop::option::of(prop::collection::vec(prop::bool::weighted(0.8), rows * cols));
 
     (pixels, mask).prop_map(move |((channels, pixels), mask)| {
-        let array =
-            Array3::from_shape_vec((rows, cols, channels), pixels).expect("the right length");
+        let array = Array3::from_shape_vec((rows, cols, channels), pixels).expect("the right length");
 
         let image = match kind {
             0 => Image::U8(array.mapv(|value| value as u8)),
@@ -365,9 +351,8 @@ pub fn mask(rows: usize, cols: usize, percent: u64, seed: u64) -> Mask {
 /// others on the right, so the masks hide nothing of the scene.
 pub fn eight_valid_pairs() -> [View; 2] {
     let in_both = |y, x| x == 18 && y < 8;
-    let valid = [0, 1].map(|side| {
-        Mask::from_fn(11, 42, |y, x| (x % 3 == 1) == (side == 0) || side == 0 && in_both(y, x))
-    });
+    let valid = [0, 1]
+        .map(|side| Mask::from_fn(11, 42, |y, x| (x % 3 == 1) == (side == 0) || side == 0 && in_both(y, x)));
 
     let scene = |y, x| hash(3, y, x / 3) as u8;
 

@@ -41,8 +41,7 @@ impl fmt::Debug for ResultBits {
         let sum = |bits: &[u32]| bits.iter().map(|&value| u64::from(value)).sum::<u64>();
         let sum_of = |bits: &Option<Vec<u32>>| bits.as_deref().map(sum);
         let flags = self.flags.iter().map(|&flags| u64::from(flags)).sum::<u64>();
-        let sums =
-            (sum(&self.disparity), flags, sum_of(&self.confidence), sum_of(&self.uncertainty));
+        let sums = (sum(&self.disparity), flags, sum_of(&self.confidence), sum_of(&self.uncertainty));
         write!(f, "sums of disparity, flags, confidence and uncertainty: {sums:?}")
     }
 }
@@ -69,15 +68,9 @@ pub fn scale(pair: &Pair, settings: &Settings) -> (Window, Penalties) {
 fn window(pair: &Pair, settings: &Settings) -> (Window, u16) {
     let candidates = pair.candidates();
     let control = Control::default();
-    let costs = Costs::new(
-        pair.views(),
-        candidates,
-        settings,
-        pair.blur_compensation(),
-        levels()[0],
-        &control,
-    )
-    .expect("not cancelled");
+    let costs =
+        Costs::new(pair.views(), candidates, settings, pair.blur_compensation(), levels()[0], &control)
+            .expect("not cancelled");
 
     let window = Window::new(pair.size(), candidates.count(), settings, costs.ceiling());
     (window, costs.steps())
@@ -109,9 +102,7 @@ pub fn costs(
         }
     };
 
-    Plane::from_fn(costs.rows(), costs.cols(), |y, place| {
-        costs.row(y)[place] * validity.row(y)[place]
-    })
+    Plane::from_fn(costs.rows(), costs.cols(), |y, place| costs.row(y)[place] * validity.row(y)[place])
 }
 
 /// Costs of phase codes: of whole images for each class; every pixel then takes those of its own class.
@@ -240,11 +231,8 @@ pub fn matched(pair: &Pair, settings: &Settings) -> ResultBits {
     let unrelated = unrelated(pair, settings);
 
     let mut votes = found.map(|found| {
-        let second_best = if found.second_best == reference::NO_CANDIDATE {
-            unrelated
-        } else {
-            Some(found.second_best)
-        };
+        let second_best =
+            if found.second_best == reference::NO_CANDIDATE { unrelated } else { Some(found.second_best) };
         reference::vote(found.best, second_best, unit)
     });
 
@@ -253,11 +241,7 @@ pub fn matched(pair: &Pair, settings: &Settings) -> ResultBits {
     }
 
     let (disparity, mut flags) = refined(pair, draft, &texture, settings);
-    let raw = reference::confidences(VotedMap {
-        disparity: &disparity,
-        votes: &votes,
-        texture: &texture,
-    });
+    let raw = reference::confidences(VotedMap { disparity: &disparity, votes: &votes, texture: &texture });
 
     let map = RawMap { disparity: &disparity, flags: &flags, confidence: &raw };
     let known = (pair.blur_compensation(), gray_level(pair.views()[0]));
@@ -330,13 +314,10 @@ pub fn optimized(
             let row = |y| reference::in_order(costs.row(y), candidates, penalties);
 
             let chosen: Vec<_> = (0..rows).map(row).collect();
-            Plane::from_fn(rows, cols, |y, x| {
-                reference::margin(chosen[y][x], &costs.row(y)[of_pixel(x)])
-            })
+            Plane::from_fn(rows, cols, |y, x| reference::margin(chosen[y][x], &costs.row(y)[of_pixel(x)]))
         }
         Optimizer::ScanlineOptimization => {
-            let sums =
-                reference::scanline_optimization(costs, candidates, penalties, edges, searched);
+            let sums = reference::scanline_optimization(costs, candidates, penalties, edges, searched);
             by_sums(&sums, costs, searched)
         }
         Optimizer::WinnerTakesAll => {
@@ -372,11 +353,7 @@ fn unrelated(pair: &Pair, settings: &Settings) -> Option<u32> {
 }
 
 /// Disparities and flags, each row by itself.
-fn drafted(
-    pair: &Pair,
-    settings: &Settings,
-    found: &Plane<PixelEvidence>,
-) -> (Plane<f32>, Plane<u16>) {
+fn drafted(pair: &Pair, settings: &Settings, found: &Plane<PixelEvidence>) -> (Plane<f32>, Plane<u16>) {
     let candidates = pair.candidates();
     let count = candidates.count();
     let validity = validity(pair.views(), candidates);
@@ -385,9 +362,8 @@ fn drafted(
     for y in 0..found.rows() {
         let row = found.row(y);
         let of_pixel = |x: usize| &validity.row(y)[x * count..(x + 1) * count];
-        let flags: Vec<_> = (0..row.len())
-            .map(|x| flags(pair, of_pixel(x), (y, x), row[x].chosen.into()))
-            .collect();
+        let flags: Vec<_> =
+            (0..row.len()).map(|x| flags(pair, of_pixel(x), (y, x), row[x].chosen.into())).collect();
 
         let chosen: Vec<_> = row.iter().map(|found| found.chosen).collect();
         let costs: Vec<_> = row.iter().map(|found| found.best).collect();
@@ -399,9 +375,11 @@ fn drafted(
         };
 
         let ambiguous = row.iter().map(|found| ambiguous(found, settings.uniqueness as f64));
-        all.extend(flags.iter().zip(ambiguous).map(|(&flags, ambiguous)| {
-            if flags & flag::MISSING == 0 { flags | ambiguous } else { flags }
-        }));
+        all.extend(
+            flags.iter().zip(ambiguous).map(|(&flags, ambiguous)| {
+                if flags & flag::MISSING == 0 { flags | ambiguous } else { flags }
+            }),
+        );
     }
 
     let flags = Plane::from_vec(found.rows(), found.cols(), all).expect("all rows");
@@ -473,8 +451,7 @@ pub fn synthesized(disparity: &Plane<f32>, pair: &Pair, settings: &Settings) -> 
     let compensation = pair.blur_compensation().expect("kernels");
     let (level, control) = (levels()[0], Control::default());
     let scales = [0, 1].map(|side| {
-        blur_compensation::gray(views[side], Some(compensation), side, level, &control)
-            .expect("memory")
+        blur_compensation::gray(views[side], Some(compensation), side, level, &control).expect("memory")
     });
     let grays = scales.each_ref().map(|gray| gray.plane().clone());
     let valid = views.map(|view| Plane::from_fn(rows, cols, |y, x| view.is_valid(y, x)));

@@ -305,8 +305,7 @@ impl<'a> AreaSearch<'a> {
             self.runtime.control.checkpoint()?;
             let (count, around) = (band.len() / cols, self.around);
             for columns in blocks.stretches(top / BLOCK, cols) {
-                let windows =
-                    BlockWindows { costs: &costs, rows, cols, top, count, columns, around };
+                let windows = BlockWindows { costs: &costs, rows, cols, top, count, columns, around };
                 let each = |y: usize, x: usize, sums: &[Lanes<u8>]| {
                     band[y * cols + x] = borders.least(sums, x)[0];
                 };
@@ -356,8 +355,7 @@ impl<'a> AreaSearch<'a> {
     /// Which of the candidates lie along the run.
     fn borders(&self, costs: &ByteDistances) -> Borders {
         let tried = costs.candidates();
-        let index =
-            |disparity: isize| (disparity - tried.min()).clamp(0, tried.count() as isize) as usize;
+        let index = |disparity: isize| (disparity - tried.min()).clamp(0, tried.count() as isize) as usize;
         Borders::new(costs, self.codes[0].cols(), index(self.run.0 - 1)..index(self.run.1 + 2))
     }
 
@@ -374,8 +372,7 @@ impl<'a> AreaSearch<'a> {
             let (count, around) = (BLOCK.min(rows - top), self.around);
             let mut found = vec![];
             for columns in blocks.stretches(row, cols) {
-                let windows =
-                    BlockWindows { costs: &costs, rows, cols, top, count, columns, around };
+                let windows = BlockWindows { costs: &costs, rows, cols, top, count, columns, around };
                 let each = |y: usize, x: usize, sums: &[Lanes<u8>]| {
                     let one = borders.outside(sums, x);
                     found.extend(one.map(|one| ((top + y) * cols + x, one)));
@@ -392,11 +389,7 @@ impl<'a> AreaSearch<'a> {
 }
 
 /// The codes of both copies, the right one resampled by a field.
-pub fn codes_of(
-    copies: &Overview,
-    field: Option<&Alignment>,
-    runtime: Runtime,
-) -> Result<[Plane<u8>; 2]> {
+pub fn codes_of(copies: &Overview, field: Option<&Alignment>, runtime: Runtime) -> Result<[Plane<u8>; 2]> {
     let Runtime { execution, control, .. } = runtime;
     both(|side| {
         let plane = &copies.planes[side];

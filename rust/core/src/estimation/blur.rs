@@ -282,13 +282,11 @@ impl<'a> BlurEstimation<'a> {
         scale: RoughScale,
         mut visit: impl FnMut(&Part, (&RoughMatch, usize), Range<usize>) -> Result<()>,
     ) -> Result<()> {
-        self.rows.visit(blocks(tops, &self.known), self.runtime, |part, visited| {
-            match &self.rough {
-                Some(rough) if scale == ROUGHEST => visit(part, (rough, 0), visited),
-                _ => {
-                    let rough = part.rough(&self.known, scale, self.runtime)?;
-                    visit(part, (&rough, part.first), visited)
-                }
+        self.rows.visit(blocks(tops, &self.known), self.runtime, |part, visited| match &self.rough {
+            Some(rough) if scale == ROUGHEST => visit(part, (rough, 0), visited),
+            _ => {
+                let rough = part.rough(&self.known, scale, self.runtime)?;
+                visit(part, (&rough, part.first), visited)
             }
         })
     }
@@ -346,13 +344,7 @@ impl<'a> BlurEstimation<'a> {
         Ok(self.finished(kinds, map, grid, noise))
     }
 
-    fn finished(
-        &self,
-        kinds: Vec<FittedBlur>,
-        map: RegionMap,
-        grid: Grid,
-        noise: [f32; 2],
-    ) -> Estimate {
+    fn finished(&self, kinds: Vec<FittedBlur>, map: RegionMap, grid: Grid, noise: [f32; 2]) -> Estimate {
         let places = grid.places.into_iter().flatten().collect();
         let signature = BlurSignature::new(places, &grid.powers, self.size);
         Estimate { signature, ..self.summary(kinds, map, noise) }
@@ -378,9 +370,8 @@ impl<'a> BlurEstimation<'a> {
     fn grid(&self, step: usize, is_wanted: impl Fn((usize, usize)) -> bool) -> Result<Grid> {
         let (height, width) = self.size;
         // The block about the center of a tile, moved inside the image.
-        let corner = |tile: usize, length: usize| {
-            (tile * step + step / 2).saturating_sub(SIDE / 2).min(length - SIDE)
-        };
+        let corner =
+            |tile: usize, length: usize| (tile * step + step / 2).saturating_sub(SIDE / 2).min(length - SIDE);
 
         let (rows, cols) = (height.div_ceil(step), width.div_ceil(step));
         let tops: Vec<usize> = (0..rows).map(|y| corner(y, height)).collect();
@@ -449,8 +440,7 @@ impl<'a> BlurEstimation<'a> {
             taps: Some(refined.entry.psf.taps()),
             other: None,
         };
-        let family =
-            FittedBlur { blur, response: refined.entry.response, fit: refined.fit, powers };
+        let family = FittedBlur { blur, response: refined.entry.response, fit: refined.fit, powers };
 
         // A measurement takes another match: only where the family is doubtful and there are enough blocks.
         let least = LEAST_BLOCKS.max(grid.powers.len() / LEAST_PART);
@@ -521,8 +511,7 @@ impl<'a> BlurEstimation<'a> {
         // The tiles of the grid with blocks, in the order of these, and the disparities at their centers.
         let with_block = |tile: &usize| grid.places[*tile].is_some();
         let tiles: Vec<usize> = (0..grid.places.len()).filter(with_block).collect();
-        let center =
-            |tile: usize, length: usize| (tile * grid.step + grid.step / 2).min(length - 1);
+        let center = |tile: usize, length: usize| (tile * grid.step + grid.step / 2).min(length - 1);
         let disparity = |tile: &usize| {
             let (y, x) = (tile / grid.cols, tile % grid.cols);
             map.at(center(y, height), center(x, width))
@@ -649,8 +638,7 @@ impl<'a> BlurEstimation<'a> {
 impl AllBlocks {
     /// `None` where there are few blocks.
     fn new(grid: &Grid, noise: [f32; 2], level: Level) -> Option<Self> {
-        let tiles: Vec<usize> =
-            (0..grid.places.len()).filter(|tile| grid.places[*tile].is_some()).collect();
+        let tiles: Vec<usize> = (0..grid.places.len()).filter(|tile| grid.places[*tile].is_some()).collect();
         if tiles.len() < LEAST_BLOCKS {
             return None;
         }
@@ -667,8 +655,7 @@ impl Grid {
     fn noise(&self) -> [f32; 2] {
         [0, 1].map(|side| {
             // Texture only adds power, so the quietest blocks show the noise.
-            let mut highs: Vec<f32> =
-                self.powers.iter().map(|powers| powers.least_high[side]).collect();
+            let mut highs: Vec<f32> = self.powers.iter().map(|powers| powers.least_high[side]).collect();
             let quiet = highs.len() / QUIET;
             ranked(&mut highs, quiet).map_or(0.0, |power| power * QUIET_BIAS)
         })
@@ -705,9 +692,8 @@ impl Grid {
     fn on_tiles(&self, choices: usize, losses: Vec<Vec<f32>>) -> Losses {
         let mut losses = losses.into_iter();
         let unknown = vec![f32::INFINITY; choices];
-        let of_tile = |place: &Option<BlockPlace>| {
-            place.and_then(|_| losses.next()).unwrap_or_else(|| unknown.clone())
-        };
+        let of_tile =
+            |place: &Option<BlockPlace>| place.and_then(|_| losses.next()).unwrap_or_else(|| unknown.clone());
 
         let values = self.places.iter().flat_map(of_tile).collect();
         Losses { rows: self.rows, cols: self.cols, choices, values }
@@ -723,10 +709,8 @@ impl Grid {
             index += usize::from(place.is_some());
         }
 
-        let mut sums = Powers {
-            binned: [vec![0.0; bins().count()], vec![0.0; bins().count()]],
-            least_high: [0.0; 2],
-        };
+        let mut sums =
+            Powers { binned: [vec![0.0; bins().count()], vec![0.0; bins().count()]], least_high: [0.0; 2] };
 
         let share = 1.0 / tiles.len().max(1) as f32;
         for tile in tiles.iter().filter(|tile| self.places[**tile].is_some()) {
@@ -771,12 +755,8 @@ impl FittedBlur {
             (Side::Right, right, left)
         };
 
-        let blur = Blur {
-            side: Some(side),
-            psf: Some(own.psf),
-            taps: Some(own.psf.taps()),
-            other: Some(other.psf),
-        };
+        let blur =
+            Blur { side: Some(side), psf: Some(own.psf), taps: Some(own.psf.taps()), other: Some(other.psf) };
         // Responses distinguish kinds on tiles, and this kind is the only one.
         Self { blur, response: own.response, fit: found.fits[side.index()], powers }
     }
@@ -831,10 +811,9 @@ impl Depths {
             tile.saturating_sub(1)..(tile + 2).min(count)
         };
         let columns = around(x, self.cols);
-        let values =
-            around(y, self.rows).flat_map(|row| &self.values[row * self.cols..][columns.clone()]);
-        let (low, high) = values
-            .fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), v| (low.min(*v), high.max(*v)));
+        let values = around(y, self.rows).flat_map(|row| &self.values[row * self.cols..][columns.clone()]);
+        let (low, high) =
+            values.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), v| (low.min(*v), high.max(*v)));
         high - low
     }
 

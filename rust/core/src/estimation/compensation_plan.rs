@@ -121,8 +121,7 @@ impl CompensationPlan {
         let both = |[left, right]: &KernelPair| Ok([kernel(left)?, kernel(right)?]);
         let kernels = self.kernels.iter().map(both).collect::<Result<_>>()?;
 
-        let compensation =
-            BlurCompensation::new(self.noise, kernels, self.labels.clone(), self.tile)?;
+        let compensation = BlurCompensation::new(self.noise, kernels, self.labels.clone(), self.tile)?;
         compensation.with_impulses(self.impulses)?.with_smoothing(self.smoothing)
     }
 }
@@ -192,12 +191,8 @@ mod tests {
     /// The plan for areas of blurs with these functions, beside areas without blur, and noise of this
     /// standard deviation in gray levels.
     fn plan(psfs: &[Psf], noise: f64) -> CompensationPlan {
-        let blur = |psf: &Psf| Blur {
-            side: Some(Side::Left),
-            psf: Some(*psf),
-            taps: Some(psf.taps()),
-            other: None,
-        };
+        let blur =
+            |psf: &Psf| Blur { side: Some(Side::Left), psf: Some(*psf), taps: Some(psf.taps()), other: None };
         let none = Blur { side: None, psf: None, taps: None, other: None };
 
         let estimate = Estimate {

@@ -94,8 +94,7 @@ fn rank_correlation(map: &RoughMap) -> f64 {
     let rows = map.disparity.rows();
     let pixels = (0..rows).flat_map(|y| map.disparity.row(y).iter().map(move |value| (y, *value)));
     let known = pixels.filter(|(_, value)| value.is_finite());
-    let known: Vec<[i64; 2]> =
-        known.map(|(y, value)| [y as i64, value.round_ties_even() as i64]).collect();
+    let known: Vec<[i64; 2]> = known.map(|(y, value)| [y as i64, value.round_ties_even() as i64]).collect();
 
     let of_rows = middle_ranks(known.iter().map(|pixel| pixel[0]));
     let of_values = middle_ranks(known.iter().map(|pixel| pixel[1]));

@@ -55,11 +55,9 @@ pub struct CopySettings {
 }
 
 /// Large neighborhoods withstand blur and noise.
-pub const ROUGH: CopySettings =
-    CopySettings { neighborhood: 9, window: 9, speckle: 12, subpixel: false };
+pub const ROUGH: CopySettings = CopySettings { neighborhood: 9, window: 9, speckle: 12, subpixel: false };
 /// Small ones show small things.
-pub const FINE: CopySettings =
-    CopySettings { neighborhood: 3, window: 5, speckle: 40, subpixel: true };
+pub const FINE: CopySettings = CopySettings { neighborhood: 3, window: 5, speckle: 40, subpixel: true };
 
 impl CopySettings {
     /// The settings of a rough match: along rows alone, with a left-right check, nothing filled or smoothed.
@@ -195,8 +193,7 @@ impl Overview {
             let is_valid = |y: usize, x: usize| {
                 let area = (0..factor * factor).map(|i| (i / factor, i % factor));
                 let top = tops[y] - part.first;
-                let count =
-                    area.filter(|(dy, dx)| view.is_valid(top + dy, x * factor + dx)).count();
+                let count = area.filter(|(dy, dx)| view.is_valid(top + dy, x * factor + dx)).count();
                 2 * count >= factor * factor
             };
 
@@ -219,9 +216,7 @@ impl Overview {
             left.extend_from_slice(part.grays[0].as_slice());
             right.extend_from_slice(part.grays[1].as_slice());
             let view = part.pair.views()[0];
-            valid.extend(
-                (0..rows.len()).flat_map(|y| (0..pair.size().1).map(move |x| view.is_valid(y, x))),
-            );
+            valid.extend((0..rows.len()).flat_map(|y| (0..pair.size().1).map(move |x| view.is_valid(y, x))));
         }
         let (rows, cols) = (bands.iter().map(Range::len).sum(), pair.size().1);
         let planes = [Plane::from_vec(rows, cols, left)?, Plane::from_vec(rows, cols, right)?];
@@ -286,12 +281,7 @@ impl Overview {
     /// What a rough match of these copies guesses of others of the same pair.
     pub fn guess<'a>(&self, map: &'a RoughMap, others: &Self) -> Guess<'a> {
         let finer = (self.factor / others.factor).max(1);
-        Guess {
-            disparity: &map.unsure,
-            by: (others.factor / self.factor).max(1),
-            finer,
-            judged: None,
-        }
+        Guess { disparity: &map.unsure, by: (others.factor / self.factor).max(1), finer, judged: None }
     }
 
     /// The same with the negative of the right image.
@@ -394,8 +384,7 @@ pub fn of_bands<T: Copy>(plane: &Plane<T>, bands: &[Range<usize>]) -> Result<Pla
 impl RoughMap {
     /// The disparities, of images that are reduced by a factor.
     pub fn seen(&self, factor: usize) -> Seen {
-        let [all, sure] =
-            [&self.unsure, &self.disparity].map(|plane| plane.map(|d| d * factor as f32));
+        let [all, sure] = [&self.unsure, &self.disparity].map(|plane| plane.map(|d| d * factor as f32));
         Seen { all, sure, factor }
     }
 

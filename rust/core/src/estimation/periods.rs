@@ -51,11 +51,7 @@ struct Count {
 }
 
 /// The least and the largest disparity of copies at which their texture repeats itself; `None`: it does not.
-pub fn periods(
-    copies: &Overview,
-    field: Option<&Alignment>,
-    runtime: Runtime,
-) -> Result<Option<Span>> {
+pub fn periods(copies: &Overview, field: Option<&Alignment>, runtime: Runtime) -> Result<Option<Span>> {
     let codes = codes_of(copies, field, runtime)?;
     let [left, right] = &codes;
     let (rows, cols) = (left.rows(), left.cols());
@@ -87,8 +83,7 @@ pub fn periods(
 
 /// The candidates that all of these columns see.
 fn seen(tried: Candidates, columns: Range<usize>, cols: usize) -> Range<usize> {
-    let index =
-        |disparity: isize| (disparity - tried.min()).clamp(0, tried.count() as isize) as usize;
+    let index = |disparity: isize| (disparity - tried.min()).clamp(0, tried.count() as isize) as usize;
     // Column x sees x + 1 - cols to x.
     index(columns.end as isize - cols as isize)..index(columns.start as isize + 1)
 }

@@ -285,15 +285,12 @@ impl GrayExtremes {
         });
 
         let ends = count_ends(level, valid.as_deref().unwrap_or(all));
-        ends.map_or(
-            Self::default(),
-            |RowExtremes { least, largest, pixels, counts: [dark, bright] }| Self {
-                least: (least.into(), dark.into()),
-                largest: (largest.into(), bright.into()),
-                pixels: pixels as u64,
-                ..Self::default()
-            },
-        )
+        ends.map_or(Self::default(), |RowExtremes { least, largest, pixels, counts: [dark, bright] }| Self {
+            least: (least.into(), dark.into()),
+            largest: (largest.into(), bright.into()),
+            pixels: pixels as u64,
+            ..Self::default()
+        })
     }
 
     /// The counts of both parts.
@@ -395,8 +392,7 @@ mod tests {
 
     #[test]
     fn ends_of_parts_are_those_of_the_whole() {
-        let ends =
-            |least, largest| GrayExtremes { least, largest, pixels: 10, ..GrayExtremes::default() };
+        let ends = |least, largest| GrayExtremes { least, largest, pixels: 10, ..GrayExtremes::default() };
         let found = ends((3.0, 2), (9.0, 1)).and(ends((3.0, 1), (8.0, 4)));
         assert_eq!((found.least, found.largest), ((3.0, 3), (9.0, 1)));
 
@@ -407,9 +403,7 @@ mod tests {
     #[test]
     fn fields_are_shifted_where_that_makes_them_clearly_more_alike() {
         let mut fields = [100; 2 * FIELD_REACH + 1];
-        let shift = |fields, pixels| {
-            GrayExtremes { pixels, fields, ..GrayExtremes::default() }.field_shift()
-        };
+        let shift = |fields, pixels| GrayExtremes { pixels, fields, ..GrayExtremes::default() }.field_shift();
         fields[FIELD_REACH + 3] = 95;
         assert_eq!(shift(fields, 100_000), 0);
 

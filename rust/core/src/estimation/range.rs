@@ -252,8 +252,7 @@ fn refined(
 ) -> Result<(Span, RoughMap)> {
     let finer = overview.factor / copies.factor;
     let bands = bands_at_ends(map, (first, last), BAND.div_ceil(finer));
-    let bands: Vec<Range<usize>> =
-        bands.iter().map(|rows| rows.start * finer..rows.end * finer).collect();
+    let bands: Vec<Range<usize>> = bands.iter().map(|rows| rows.start * finer..rows.end * finer).collect();
 
     let by = finer as isize;
     let around = ((first - 1) * by - 1, (last + 2) * by);
@@ -565,16 +564,13 @@ impl LeftOut {
 pub fn is_identical(copies: &Overview) -> bool {
     let [left, right] = &copies.planes;
     let (rows, cols) = (left.rows(), left.cols());
-    let tile = |at: usize, length: usize| {
-        at * (length - 2) / TILES + 1..(at + 1) * (length - 2) / TILES + 1
-    };
+    let tile = |at: usize, length: usize| at * (length - 2) / TILES + 1..(at + 1) * (length - 2) / TILES + 1;
 
     (0..TILES * TILES).all(|number| {
         let (mut by_along, mut by_down, mut rest) = (0.0f64, 0.0f64, 0.0f64);
         let (mut along, mut down) = (0.0f64, 0.0f64);
         for y in tile(number / TILES, rows) {
-            let [above, here, below, there] =
-                [left.row(y - 1), left.row(y), left.row(y + 1), right.row(y)];
+            let [above, here, below, there] = [left.row(y - 1), left.row(y), left.row(y + 1), right.row(y)];
             for x in tile(number % TILES, cols) {
                 let difference = f64::from(here[x] - there[x]);
                 let slope = f64::from(here[x + 1] - here[x - 1]) / 2.0;

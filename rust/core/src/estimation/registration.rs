@@ -30,8 +30,7 @@ impl Peak {
         let correlation = middle[1];
 
         let slope = [(middle[2] - middle[0]) / 2.0, (below[1] - above[1]) / 2.0];
-        let bend =
-            [middle[2] + middle[0] - 2.0 * correlation, below[1] + above[1] - 2.0 * correlation];
+        let bend = [middle[2] + middle[0] - 2.0 * correlation, below[1] + above[1] - 2.0 * correlation];
         let twist = (below[2] - below[0] - above[2] + above[0]) / 4.0;
         let determinant = bend[0] * bend[1] - twist * twist;
         if determinant <= LEAST_DETERMINANT || bend[0] >= 0.0 {

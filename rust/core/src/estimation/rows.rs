@@ -117,8 +117,7 @@ pub fn offsets(
         return Ok(FoundRows { offsets: None, apart: f64::INFINITY, map });
     };
     let mut fits = vec![fit.clone()];
-    let mut spaced =
-        Spaced { factor: overview.factor, distance: spacing(overview), most: tracks.len() };
+    let mut spaced = Spaced { factor: overview.factor, distance: spacing(overview), most: tracks.len() };
 
     // Coarse to fine: each field places the blocks in copies four times as large.
     while spaced.factor > 1 {
@@ -274,12 +273,7 @@ fn spacing(overview: &Overview) -> usize {
 }
 
 /// Blocks all over the image, this many pixels of it apart, wherever the disparity is known.
-fn seeds(
-    overview: &Overview,
-    map: &RoughMap,
-    field: Option<&Alignment>,
-    distance: usize,
-) -> Vec<Seed> {
+fn seeds(overview: &Overview, map: &RoughMap, field: Option<&Alignment>, distance: usize) -> Vec<Seed> {
     let factor = overview.factor;
     let step = distance / factor;
     // The center of a pixel of the copy, in pixels of the whole image.

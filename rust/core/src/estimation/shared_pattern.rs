@@ -147,8 +147,7 @@ fn signs((gray, surplus): Short, y: usize) -> Vec<i32> {
 
 /// The fine detail of a pixel, in steps.
 fn fine_at(gray: &Plane<i32>, y: usize, x: usize) -> f64 {
-    let places =
-        |at: usize, count: usize| [0, 1, 2, 3, 4].map(|k| reflect(at as isize + k - 2, count));
+    let places = |at: usize, count: usize| [0, 1, 2, 3, 4].map(|k| reflect(at as isize + k - 2, count));
     let columns = places(x, gray.cols());
     let mut smooth = 0;
     for (y, weight) in places(y, gray.rows()).into_iter().zip(WEIGHTS) {
@@ -207,8 +206,7 @@ mod tests {
         move |y, x| {
             let mut state = (y * SIZE.1 + x) as u64;
             for _ in 0..2 {
-                state =
-                    (state ^ (state >> 29)).wrapping_add(77).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+                state = (state ^ (state >> 29)).wrapping_add(77).wrapping_mul(0x9E37_79B9_7F4A_7C15);
             }
             let share = (state >> 40) as f64 / f64::from(1u32 << 24) - 0.5;
             (strength * 12f64.sqrt() * share).round() as i32

@@ -106,8 +106,7 @@ pub fn follow_here(part: &Part, seeds: &[Seed], level: Level) -> Vec<Track> {
     let planes = part.grays.each_ref().map(Cow::Borrowed);
     let copies = ReducedPair { planes, factor: 1, first: part.first as isize };
 
-    let tracks: Vec<Option<Track>> =
-        seeds.par_iter().map(|seed| track(&copies, part, seed, level)).collect();
+    let tracks: Vec<Option<Track>> = seeds.par_iter().map(|seed| track(&copies, part, seed, level)).collect();
     tracks.into_iter().flatten().collect()
 }
 
@@ -161,8 +160,8 @@ fn track(copies: &ReducedPair, part: &Part, seed: &Seed, level: Level) -> Option
     let (right_x, right_y) = (x + shift[0], y + shift[1]);
 
     let above = (part.first / factor) as isize;
-    let is_valid = is_valid(part, (x, y - above), factor, 0)
-        && is_valid(part, (right_x, right_y - above), factor, 1);
+    let is_valid =
+        is_valid(part, (x, y - above), factor, 0) && is_valid(part, (right_x, right_y - above), factor, 1);
     if !is_valid {
         return None;
     }

@@ -58,18 +58,13 @@ pub fn most_wrong() -> f64 {
 
 /// What is reported of a match during which a device failed.
 pub fn device_failed(reason: &str) -> Finding {
-    let sentence =
-        format!("the GPU failed, and the processor took over, with the same result: {reason}");
+    let sentence = format!("the GPU failed, and the processor took over, with the same result: {reason}");
     Finding::note(Topic::Match, sentence)
 }
 
 /// What is reported of a match of this size, the worst first; nothing if all is well, or the images are too
 /// small to judge.
-pub fn of_match(
-    estimates: &Estimates,
-    summary: &Summary,
-    (rows, cols): (usize, usize),
-) -> Vec<Finding> {
+pub fn of_match(estimates: &Estimates, summary: &Summary, (rows, cols): (usize, usize)) -> Vec<Finding> {
     if rows.min(cols) < LEAST_SIZE {
         return vec![];
     }
@@ -121,7 +116,8 @@ impl Outcome<'_> {
         }
 
         let because = match causes.as_slice() {
-            [] => ": check that rows correspond, the range of disparities, noise, focus and repeated texture".to_owned(),
+            [] => ": check that rows correspond, the range of disparities, noise, focus and repeated texture"
+                .to_owned(),
             [one] => format!(", because of {one}"),
             [first @ .., last] => format!(", because of {} and {last}", first.join(", ")),
         };
@@ -200,10 +196,7 @@ mod tests {
             ]
         };
         assert_eq!(said(pair(), 0, summary(|_| ())), [(Severity::Note, "noisy".to_owned())]);
-        assert!(
-            of_match(&estimates(0, pair()), &summary(|_| ()), (47, 100)).is_empty(),
-            "too small"
-        );
+        assert!(of_match(&estimates(0, pair()), &summary(|_| ()), (47, 100)).is_empty(), "too small");
     }
 
     #[test]
@@ -211,21 +204,15 @@ mod tests {
         let pair = vec![
             Finding::note(Topic::Contrast, "darker"),
             Finding { cause: "noise", ..Finding::note(Topic::Noise, "noisy") },
-            Finding {
-                cause: "interlaced fields",
-                ..Finding::warning(Topic::Interlacing, "interlaced")
-            },
+            Finding { cause: "interlaced fields", ..Finding::warning(Topic::Interlacing, "interlaced") },
         ];
         let found = said(pair, 0, summary(|s| s.wrong = 0.4));
-        let first =
-            "about 40 % of the pixels are probably wrong, because of noise and interlaced fields";
+        let first = "about 40 % of the pixels are probably wrong, because of noise and interlaced fields";
         assert_eq!(found[0], (Severity::Warning, first.to_owned()));
         assert_eq!(found.len(), 4);
 
         let found = said(vec![], 0, summary(|s| s.wrong = 0.4));
-        assert!(
-            found[0].1.starts_with("about 40 % of the pixels are probably wrong: check that rows")
-        );
+        assert!(found[0].1.starts_with("about 40 % of the pixels are probably wrong: check that rows"));
         assert!(
             said(
                 vec![],
@@ -262,10 +249,7 @@ mod tests {
             *s = copies;
             s.inferred = 0.27;
         });
-        assert_eq!(
-            said(vec![], 0, both),
-            [note(of_copies.to_owned()), note(of_planes.to_owned())].concat()
-        );
+        assert_eq!(said(vec![], 0, both), [note(of_copies.to_owned()), note(of_planes.to_owned())].concat());
         assert!(
             said(
                 vec![],
@@ -286,8 +270,7 @@ mod tests {
             s.wrong = f64::NAN;
             s.flagged = 0.3;
         });
-        let found =
-            said(vec![Finding { cause: "blur", ..Finding::note(Topic::Blur, "soft") }], 0, unsure);
+        let found = said(vec![Finding { cause: "blur", ..Finding::note(Topic::Blur, "soft") }], 0, unsure);
         let first = "30 % of the pixels fail the left-right check, because of blur";
         assert_eq!(found[0], (Severity::Note, first.to_owned()));
         assert_eq!(

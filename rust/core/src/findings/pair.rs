@@ -5,9 +5,7 @@
 
 use std::fmt;
 
-use super::choices::{
-    BLUR_CONFIDENCE, BLUR_SHARE, PART, PART_ERRORS, SURE, SWAY, TEXTURED, UNIFORM,
-};
+use super::choices::{BLUR_CONFIDENCE, BLUR_SHARE, PART, PART_ERRORS, SURE, SWAY, TEXTURED, UNIFORM};
 use super::rectified::fitted;
 use super::table::Grade::{Levels, Note, Warning, Well};
 use super::table::{Measured, Row, evaluated, levels, percent, table, value, when};
@@ -49,11 +47,9 @@ const NEGATIVE: &str = "what is bright in one image is dark in the other";
 const ROWS_WELL: &str = "rows correspond as well as can be measured ({0})";
 const SWAYS: &str = "rows sway by up to {1} px from row to row, as by a rolling shutter that shakes ({0}): the right \
                      image is straightened for the match";
-const NOISE: &str =
-    "noise of {0} gray levels in the left image, {1} in the right, on a scale of {2}";
+const NOISE: &str = "noise of {0} gray levels in the left image, {1} in the right, on a scale of {2}";
 const FLAT: &str = "{0} of the image has no texture beyond noise";
-const OFFSET: &str =
-    "disparities are not a depth before columns are moved by the offset of the images";
+const OFFSET: &str = "disparities are not a depth before columns are moved by the offset of the images";
 const UNLIKE: &str = "images that hardly match";
 const SHORT: &str = "a range that is too short";
 
@@ -227,10 +223,7 @@ impl Known<'_> {
     fn shows(&self, negative: bool, order: Order) -> Vec<Measured> {
         let range = self.range().filter(|range| {
             let by_place = negative && self.is_toed_in(range) || !negative && range.mixed;
-            !range.identical
-                && range.negative == negative
-                && range.shown.order() == order
-                && !by_place
+            !range.identical && range.negative == negative && range.shown.order() == order && !by_place
         });
         range.map_or(vec![], |range| value(0.0, [ends(range), signs(range.shown)]))
     }
@@ -272,8 +265,7 @@ impl Known<'_> {
     /// compared.
     fn contrast(&self) -> std::result::Result<Contrast, Vec<Measured>> {
         let is_matched = self.estimates.range.is_some() || self.is_given();
-        let found =
-            self.photometry().filter(|_| !self.estimates.is_inverted).ok_or_else(Vec::new)?;
+        let found = self.photometry().filter(|_| !self.estimates.is_inverted).ok_or_else(Vec::new)?;
         found.contrast.filter(|_| is_matched).ok_or_else(|| self.unmatched("gain and gamma"))
     }
 }
@@ -390,10 +382,7 @@ fn parts(found: &RowOffsets) -> String {
     let turned = if turn > 0.0 { "clockwise" } else { "counter-clockwise" };
     let height = 1.0 + scale / (rows as f64 / 2.0);
     let all = [
-        (
-            shift.abs() >= center,
-            format!("shows things {:.1} px {side} than the left one", shift.abs()),
-        ),
+        (shift.abs() >= center, format!("shows things {:.1} px {side} than the left one", shift.abs())),
         (turn.abs() >= border, format!("is rotated {turned} (or sheared) by {degrees:.2} degrees")),
         (scale.abs() >= border, format!("shows things at {height:.3} times the height")),
         (bend >= border, format!("is bent by {bend:.1} px (lens distortion left in, or keystone)")),
@@ -412,9 +401,7 @@ fn distortion(known: &Known) -> Vec<Measured> {
 fn softer(known: &Known) -> Vec<Measured> {
     let Some(found) = &known.estimates.blur else { return vec![] };
     let is_poor = known.estimates.confidence.is_some_and(|sure| sure < BLUR_CONFIDENCE)
-        || known
-            .photometry()
-            .is_some_and(|found| found.repeats() >= levels_of(Topic::Repetition)[1]);
+        || known.photometry().is_some_and(|found| found.repeats() >= levels_of(Topic::Repetition)[1]);
     if found.certainty < SURE || is_poor {
         return known.unmatched("which image is softer");
     }
@@ -479,8 +466,7 @@ fn blur_words(kinds: &[&Blur], area: Option<f64>, is_left: bool) -> Option<Vec<S
             format!("blurred by {}, the {other} one by {}", shape(blur), psf.words())
         }
     };
-    let area =
-        area.map_or(String::new(), |share| format!(", over {} of the image", percent(share)));
+    let area = area.map_or(String::new(), |share| format!(", over {} of the image", percent(share)));
     let is_of_focus = blur.psf.is_some_and(|psf| psf.family.traits().is_of_focus);
     let check = if is_of_focus { "its focus" } else { "its mount and its exposure time" };
     let done = if is_left && blur.is_slight() {
@@ -494,10 +480,8 @@ fn blur_words(kinds: &[&Blur], area: Option<f64>, is_left: bool) -> Option<Vec<S
 /// The shape of a kernel in words.
 fn shape(blur: &Blur) -> String {
     let radius = blur.taps.as_ref().map_or(0.0, Taps::radius);
-    blur.psf.map_or_else(
-        || format!("a blur of no simple shape, of radius {radius:.1} px rms"),
-        |psf| psf.words(),
-    )
+    blur.psf
+        .map_or_else(|| format!("a blur of no simple shape, of radius {radius:.1} px rms"), |psf| psf.words())
 }
 
 /// How far a factor is from 1, the same for its inverse. No logarithm is taken of zero.
@@ -544,10 +528,7 @@ fn noise(known: &Known) -> Vec<Measured> {
 }
 
 fn shared_pattern(known: &Known) -> Vec<Measured> {
-    known
-        .estimates
-        .shared_pattern
-        .map_or(vec![], |strength| value(strength, [two_digits(strength)]))
+    known.estimates.shared_pattern.map_or(vec![], |strength| value(strength, [two_digits(strength)]))
 }
 
 fn coding(known: &Known) -> Vec<Measured> {
@@ -563,8 +544,7 @@ fn saturation(known: &Known) -> Vec<Measured> {
     let Some(found) = known.photometry() else { return vec![] };
     let (mut most, mut words) = (0.0, [""; 3]);
     for (found, side) in found.saturation.iter().zip(SIDES) {
-        for (share, end) in
-            [(found.bright, [side, "bright", "less"]), (found.dark, [side, "dark", "longer"])]
+        for (share, end) in [(found.bright, [side, "bright", "less"]), (found.dark, [side, "dark", "longer"])]
         {
             if share > most {
                 (most, words) = (share, end);
@@ -572,9 +552,7 @@ fn saturation(known: &Known) -> Vec<Measured> {
         }
     }
     if most >= 1.0 {
-        return unknown(
-            "an image has one or two gray levels: too few to measure anything".to_owned(),
-        );
+        return unknown("an image has one or two gray levels: too few to measure anything".to_owned());
     }
     let [side, end, remedy] = words.map(str::to_owned);
     value(most, [percent(most), side, end, remedy])

@@ -87,10 +87,7 @@ pub fn not_rectified(estimates: &Estimates, is_turned: bool, refusal: &Refusal) 
         let (seem, remedy) = if axis.is_along_rows() {
             ("the cameras seem to be beside each other", "match with vertical=False")
         } else if axis.is_along_columns() {
-            (
-                "one camera seems to be above the other",
-                "match with vertical=True, the upper image first",
-            )
+            ("one camera seems to be above the other", "match with vertical=True, the upper image first")
         } else {
             (
                 "the cameras seem to be neither beside nor above each other",

@@ -31,10 +31,7 @@ impl TryFrom<DynamicImage> for Image {
 }
 
 /// An image of these pixels, whose last of `N` channels is alpha.
-fn with_alpha<T: Pixel + PartialEq, const N: usize>(
-    pixels: &[T],
-    size: (usize, usize),
-) -> Result<Image> {
+fn with_alpha<T: Pixel + PartialEq, const N: usize>(pixels: &[T], size: (usize, usize)) -> Result<Image> {
     let (pixels, _) = pixels.as_chunks::<N>();
     let colors: Vec<T> = pixels.iter().flat_map(|pixel| &pixel[..N - 1]).copied().collect();
     let opaque: Vec<bool> = pixels.iter().map(|pixel| pixel[N - 1] != T::default()).collect();

@@ -83,11 +83,7 @@ impl Image {
     /// The image of which these pixels are opaque, row after row; the others are masked, unless none is opaque,
     /// as where a fourth channel of zeros only fills up four bytes.
     pub fn with_alpha(self, opaque: &[bool]) -> Result<Self> {
-        if opaque.contains(&true) && opaque.contains(&false) {
-            self.with_mask(opaque)
-        } else {
-            Ok(self)
-        }
+        if opaque.contains(&true) && opaque.contains(&false) { self.with_mask(opaque) } else { Ok(self) }
     }
 
     /// The pixels, row after row, one value each or three; `None`: they are of another type.
@@ -127,8 +123,7 @@ impl Image {
         }
         let mask = self.0.mask.as_ref();
         let rows = self.0.size().0;
-        let flipped =
-            mask.map(|mask| Plane::from_fn(rows, mask.cols(), |y, x| mask.row(rows - 1 - y)[x]));
+        let flipped = mask.map(|mask| Plane::from_fn(rows, mask.cols(), |y, x| mask.row(rows - 1 - y)[x]));
         self.0.mask = flipped;
         self
     }

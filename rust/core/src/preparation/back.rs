@@ -130,11 +130,8 @@ impl Back {
             for (x, out) in row.iter_mut().enumerate() {
                 let at = x as i64 + shift;
                 let is_valid = valid.as_ref().is_none_or(|valid| valid[y * size.1 + x]);
-                let value = if is_valid && at >= 0 {
-                    sampled(map, ratio, (y, at as usize))
-                } else {
-                    f32::NAN
-                };
+                let value =
+                    if is_valid && at >= 0 { sampled(map, ratio, (y, at as usize)) } else { f32::NAN };
                 *out = if value.is_finite() { value - shift as f32 } else { f32::NAN };
             }
         })
@@ -212,24 +209,18 @@ fn runs(valid: &[bool]) -> Vec<usize> {
 
 fn wrong(got: &str) -> Error {
     let got: String = got.chars().take(80).collect();
-    Error::value(
-        "back",
-        format!("'{got}'"),
-        format!("a saved way back, which begins with '{HEAD}'"),
-    )
+    Error::value("back", format!("'{got}'"), format!("a saved way back, which begins with '{HEAD}'"))
 }
 
 /// The value of a map at a pixel of the moved image, in pixels of that one, of which `ratio` are one of the
 /// map.
 fn sampled(map: &Plane<f32>, ratio: f64, (y, x): (usize, usize)) -> f32 {
-    let place =
-        |at: usize, count: usize| ((at as f64 + 0.5) / ratio - 0.5).clamp(0.0, (count - 1) as f64);
+    let place = |at: usize, count: usize| ((at as f64 + 0.5) / ratio - 0.5).clamp(0.0, (count - 1) as f64);
     let (down, along) = (place(y, map.rows()), place(x, map.cols()));
     let (top, left) = (down as usize, along as usize);
     let (bottom, right) = ((top + 1).min(map.rows() - 1), (left + 1).min(map.cols() - 1));
 
-    let corners =
-        [map.row(top)[left], map.row(top)[right], map.row(bottom)[left], map.row(bottom)[right]];
+    let corners = [map.row(top)[left], map.row(top)[right], map.row(bottom)[left], map.row(bottom)[right]];
     let low = corners.iter().fold(f32::INFINITY, |low, value| low.min(*value));
     let high = corners.iter().fold(f32::NEG_INFINITY, |high, value| high.max(*value));
     let is_smooth = corners.iter().all(|value| value.is_finite()) && high - low <= JUMP;
@@ -281,8 +272,7 @@ mod tests {
         let found = back(0, 2).restored(&map, &Control::default()).expect("half the size");
         assert!(found.as_slice().iter().all(|d| [4.0, 18.0].contains(&f64::from(*d))));
 
-        let sparse =
-            Plane::from_fn(9, 20, |y, x| if (y, x) == (3, 7) { 1.5 } else { f32::INFINITY });
+        let sparse = Plane::from_fn(9, 20, |y, x| if (y, x) == (3, 7) { 1.5 } else { f32::INFINITY });
         let found = back(0, 1).restored(&sparse, &Control::default()).expect("the same size");
         assert_eq!(found.as_slice().iter().filter(|d| d.is_finite()).count(), 1);
     }

@@ -91,13 +91,7 @@ impl<'a> Channels<'a> {
     }
 
     /// The left (0) or right (1) image, as others get it.
-    pub fn image(
-        &self,
-        inputs: &[Input; 2],
-        side: usize,
-        back: &Back,
-        runtime: Runtime,
-    ) -> Result<Input> {
+    pub fn image(&self, inputs: &[Input; 2], side: usize, back: &Back, runtime: Runtime) -> Result<Input> {
         let count = inputs[side].image.shape().2;
         let mut planes = vec![];
         for channel in 0..count {
@@ -108,22 +102,13 @@ impl<'a> Channels<'a> {
                 made = self.remade(inputs, (side, channel), runtime)?;
                 made.views()[side]
             };
-            planes.push(back.placed(
-                &self.finished(view, side, runtime)?,
-                side,
-                runtime.control,
-            )?);
+            planes.push(back.placed(&self.finished(view, side, runtime)?, side, runtime.control)?);
         }
         Ok(Input::from(inputs[0].image.of_channels(&planes)?))
     }
 
     /// A channel of an image through all that was done to the pair, at its side of a pair.
-    fn remade(
-        &self,
-        inputs: &[Input; 2],
-        (side, channel): (usize, usize),
-        runtime: Runtime,
-    ) -> Result<Pair> {
+    fn remade(&self, inputs: &[Input; 2], (side, channel): (usize, usize), runtime: Runtime) -> Result<Pair> {
         let Runtime { execution, control, .. } = runtime;
         let mut input = inputs[side].channel(channel);
         if side == 1 && !is_same_type(&inputs[0], &inputs[1]) {
@@ -139,14 +124,12 @@ impl<'a> Channels<'a> {
         let estimates = &prepared.estimates;
         let mut pair = even_rows(&Pair::new(view.clone(), view, 0, 1)?, before);
         if let Some(raw) = raw {
-            pair =
-                even_rows(&resampled(&pair, raw.places(control)?, control)?, estimates.even_rows);
+            pair = even_rows(&resampled(&pair, raw.places(control)?, control)?, estimates.even_rows);
         }
         if self.is_inverted {
             pair = pair.inverted();
         }
-        let impulses =
-            prepared.pair.blur_compensation().map_or([0.0; 2], BlurCompensation::impulses);
+        let impulses = prepared.pair.blur_compensation().map_or([0.0; 2], BlurCompensation::impulses);
         pair = pair.repaired(impulses, execution.level, control)?.into_owned();
         if let Some(field) = estimates.alignment.as_ref().filter(|_| side == 1) {
             pair = pair.straightened(field, execution.level, control)?;
@@ -207,11 +190,7 @@ impl<'a> Channels<'a> {
 }
 
 /// The classes of all pixels of the left image.
-fn left_classes(
-    all: &BlurCompensation,
-    size: (usize, usize),
-    runtime: Runtime,
-) -> Result<Plane<u8>> {
+fn left_classes(all: &BlurCompensation, size: (usize, usize), runtime: Runtime) -> Result<Plane<u8>> {
     Plane::by_rows(size, runtime.control, |y, row| all.write_classes(y, 0, row))
 }
 

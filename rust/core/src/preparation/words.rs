@@ -18,25 +18,16 @@ impl WorkDone {
         let estimates = &ready.prepared.estimates;
         let pair = &ready.prepared.pair;
         if is_converted {
-            work.add(
-                RIGHT,
-                "the right image has the pixel type and the white of the left one".into(),
-            );
+            work.add(RIGHT, "the right image has the pixel type and the white of the left one".into());
         }
         if let Some(fit) = pair.fit() {
             let ((a, b), (c, d)) = (fit.from, fit.to);
-            work.add(
-                RIGHT,
-                format!("the right image is resampled from {b} x {a} to {d} x {c} pixels"),
-            );
+            work.add(RIGHT, format!("the right image is resampled from {b} x {a} to {d} x {c} pixels"));
         }
         work.add_to(ready.even_rows, "odd rows of {} are means of the even ones beside them");
         if ready.raw.is_some() {
             work.add([true; 2], "both images are rectified by what they show".into());
-            work.add_to(
-                estimates.even_rows,
-                "odd rows of {} are means of the even ones beside them",
-            );
+            work.add_to(estimates.even_rows, "odd rows of {} are means of the even ones beside them");
         }
         if channels.is_inverted {
             work.add(RIGHT, "the right image is inverted, since it is a negative".into());
@@ -61,10 +52,8 @@ impl WorkDone {
         }
         match back.shift() {
             0 => {}
-            by if by > 0 => work.add(
-                [true; 2],
-                format!("disparities are {by} px larger: columns are added to both images"),
-            ),
+            by if by > 0 => work
+                .add([true; 2], format!("disparities are {by} px larger: columns are added to both images")),
             by => work.add(
                 [true; 2],
                 format!("disparities are {} px smaller: columns are cut off both images", -by),

@@ -130,8 +130,7 @@ mod tests {
             let near = by * (index % 3) as f64;
             // The right camera is turned, and its lens distorts.
             let (along, down) = (0.05 * y + 1e-5 * x * y, -0.05 * x + 2e-5 * y * y);
-            let wrong =
-                if index.is_multiple_of(7) { (index * 13 % 100) as f64 - 50.0 } else { 0.0 };
+            let wrong = if index.is_multiple_of(7) { (index * 13 % 100) as f64 - 50.0 } else { 0.0 };
             let right = [x + along - near * cosine + wrong, y + down - near * sine - wrong / 3.0];
             CornerMatch { left: [x, y], right }
         };

@@ -99,8 +99,7 @@ pub fn blocks(
         let (Some(left), Some(right)) = (cameras.raw(place, 0), cameras.raw(other, 1)) else {
             continue;
         };
-        if [(left, pair[0]), (right, pair[1])].iter().all(|(place, image)| is_inside(*place, image))
-        {
+        if [(left, pair[0]), (right, pair[1])].iter().all(|(place, image)| is_inside(*place, image)) {
             let weight = (fine.curvature / CURVATURE.1).min(1.0);
             blocks.push(Block { places: CornerMatch { left, right }, weight });
         }
@@ -116,10 +115,8 @@ fn is_inside([x, y]: Point, image: &Plane<f32>) -> bool {
 
 /// By how many columns and rows each corner may be elsewhere in the right image.
 fn guesses(corners: &[Corner], cameras: &Cameras, matches: &[CornerMatch]) -> Vec<[f64; 2]> {
-    let known: Vec<[Point; 2]> = matches
-        .iter()
-        .map(|one| [cameras.rectified(one.left, 0), cameras.rectified(one.right, 1)])
-        .collect();
+    let known: Vec<[Point; 2]> =
+        matches.iter().map(|one| [cameras.rectified(one.left, 0), cameras.rectified(one.right, 1)]).collect();
 
     let guess = |corner: &Corner| {
         let [x, y] = corner.pixel.map(|at| at as f64);
@@ -177,8 +174,7 @@ fn bicubic(image: &Plane<f32>, [x, y]: Point) -> f32 {
     let mut sum = 0.0;
     for (k, weight) in down.iter().enumerate() {
         let taps = &image.row(top + k)[first..first + 4];
-        sum += weight
-            * (along[0] * taps[0] + along[1] * taps[1] + along[2] * taps[2] + along[3] * taps[3]);
+        sum += weight * (along[0] * taps[0] + along[1] * taps[1] + along[2] * taps[2] + along[3] * taps[3]);
     }
     sum
 }
@@ -235,9 +231,8 @@ fn correlated(
     let half = (SIDE / 2) as isize;
     let (rows, cols) = (images[0].rows() as isize, images[0].cols() as isize);
     let [left, top] = [x as isize - half, y as isize - half];
-    let ends = |left: isize, top: isize| {
-        left >= 0 && top >= 0 && left + 2 * half <= cols && top + 2 * half <= rows
-    };
+    let ends =
+        |left: isize, top: isize| left >= 0 && top >= 0 && left + 2 * half <= cols && top + 2 * half <= rows;
     if !ends(left, top) || !ends(left + to[0], top + to[1]) {
         return None;
     }
@@ -376,9 +371,8 @@ mod tests {
 
     /// The correlation of two blocks, as it is defined.
     fn plain(one: &[i16], other: &[i16]) -> f64 {
-        let mean = |values: &[i16]| {
-            values.iter().map(|value| f64::from(*value)).sum::<f64>() / values.len() as f64
-        };
+        let mean =
+            |values: &[i16]| values.iter().map(|value| f64::from(*value)).sum::<f64>() / values.len() as f64;
         let (a, b) = (mean(one), mean(other));
         let sum = |f: &dyn Fn(f64, f64) -> f64| -> f64 {
             one.iter().zip(other).map(|(x, y)| f(f64::from(*x) - a, f64::from(*y) - b)).sum()
@@ -434,17 +428,13 @@ mod tests {
             100.0 + 30.0 * (math(0.31 * x + 0.11 * y) + math(0.17 * x - 0.41 * y) + math(0.5 * y))
         };
         let image = |by: [f64; 2]| {
-            let plane =
-                Plane::from_fn(80, 90, |y, x| wave(x as f64 - by[0], y as f64 - by[1]) as f32);
+            let plane = Plane::from_fn(80, 90, |y, x| wave(x as f64 - by[0], y as f64 - by[1]) as f32);
             even(&plane, Level::best())
         };
         let images = [image([0.0; 2]).expect("memory"), image([-5.3, 1.4]).expect("memory")];
         let found = correlated(&images, [45, 40], [-4, 0], [4; 2], Level::best()).expect("a block");
         assert!((found.by[0] + 5.3).abs() < 0.05 && (found.by[1] - 1.4).abs() < 0.05);
-        assert!(
-            correlated(&images, [5, 40], [0, 0], [4; 2], Level::best()).is_none(),
-            "at the border"
-        );
+        assert!(correlated(&images, [5, 40], [0, 0], [4; 2], Level::best()).is_none(), "at the border");
     }
 
     fn math(angle: f64) -> f64 {

@@ -50,7 +50,8 @@ impl Calibration {
         let along = [if moved[0] > 0.0 { 1.0 } else { -1.0 }, 0.0, 0.0];
         if moved[1].abs() >= moved[0].abs() || moved.iter().any(|at| !at.is_finite()) {
             let got = format!("one that leads to {moved:?}");
-            let accepts = "that of cameras side by side; turn images of cameras one above the other by 90 degrees";
+            let accepts =
+                "that of cameras side by side; turn images of cameras one above the other by 90 degrees";
             return Err(Error::value("translation", got, accepts));
         }
 
@@ -74,15 +75,10 @@ impl Calibration {
         });
         let [cx, cy] = [0, 1].map(|axis| 0.5 * (center[0][axis] + center[1][axis]));
         let baseline = focal * applied(&rotation[1], translation)[0];
-        let projection =
-            |last| [[focal, 0.0, cx, last], [0.0, focal, cy, 0.0], [0.0, 0.0, 1.0, 0.0]];
+        let projection = |last| [[focal, 0.0, cx, last], [0.0, focal, cy, 0.0], [0.0, 0.0, 1.0, 0.0]];
 
-        let found = Self {
-            camera,
-            distortion,
-            rotation,
-            projection: [projection(0.0), projection(baseline)],
-        };
+        let found =
+            Self { camera, distortion, rotation, projection: [projection(0.0), projection(baseline)] };
         found.inverses().map(|_| found)
     }
 

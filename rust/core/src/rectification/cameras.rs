@@ -107,8 +107,7 @@ impl Cameras {
         let values: [f64; NUMBERS] = from_fn(|index| numbers[index] * spreads[index]);
         let [focal, ratio, k1, k2, differs, ..] = values;
         let [column_left, row_left, column_right, row_right] = from_fn(|index| values[5 + index]);
-        let [yaw_left, roll_left, pitch, yaw_right, roll_right] =
-            from_fn(|index| values[9 + index]);
+        let [yaw_left, roll_left, pitch, yaw_right, roll_right] = from_fn(|index| values[9 + index]);
 
         let (rows, cols) = (size.0 as f64, size.1 as f64);
         let focal = FOCAL * cols * math::exp(focal);
@@ -226,19 +225,16 @@ impl Cameras {
             let by_ray = |change: [f64; 3]| {
                 sign * self.focal * (change[1] * depth - down * change[2]) / (depth * depth)
             };
-            let by_place = |[x, y]: Point| {
-                by_ray(from_fn(|k| camera.rotation[k][0] * x + camera.rotation[k][1] * y))
-            };
+            let by_place =
+                |[x, y]: Point| by_ray(from_fn(|k| camera.rotation[k][0] * x + camera.rotation[k][1] * y));
             let [x, y] = ray.place;
             let radial = by_place([x / ray.slope, y / ray.slope]);
             let by_center = |axis: usize| {
                 let bent = 2.0 * ray.bend * ray.place[axis] / ray.slope;
                 let unit: Point = from_fn(|k| if k == axis { 1.0 } else { 0.0 });
-                by_place(from_fn(|k| (unit[k] - bent * ray.place[k]) / ray.longer)) * -cols
-                    / camera.focal
+                by_place(from_fn(|k| (unit[k] - bent * ray.place[k]) / ray.longer)) * -cols / camera.focal
             };
-            let by_turn =
-                |turn: &Matrix| by_ray(from_fn(|k| turn[k][0] * x + turn[k][1] * y + turn[k][2]));
+            let by_turn = |turn: &Matrix| by_ray(from_fn(|k| turn[k][0] * x + turn[k][1] * y + turn[k][2]));
 
             let by_focal = -radial * ray.longer;
             let by_k1 = -radial * ray.square;
@@ -270,13 +266,7 @@ impl Cameras {
         let by_k1 = half * square;
         let by_focal = -by_k1 * (2.0 * k1 + 4.0 * k2 * square);
         let mut slope = [0.0; NUMBERS];
-        slope[..5].copy_from_slice(&[
-            by_focal,
-            sign * by_focal,
-            by_k1,
-            by_k1 * square,
-            sign * by_k1,
-        ]);
+        slope[..5].copy_from_slice(&[by_focal, sign * by_focal, by_k1, by_k1 * square, sign * by_k1]);
         let slope = from_fn(|index| slope[index] * self.spreads[index]);
         (by_k1 * (k1 + square * k2), slope)
     }
@@ -426,13 +416,9 @@ mod tests {
     #[test]
     fn raw_and_rectified_places_lead_to_each_other() {
         let cameras = cameras();
-        for (side, place) in [0, 1].into_iter().flat_map(|side| places().map(move |at| (side, at)))
-        {
+        for (side, place) in [0, 1].into_iter().flat_map(|side| places().map(move |at| (side, at))) {
             let back = cameras.raw(cameras.rectified(place, side), side).expect("a ray");
-            assert!(
-                (0..2).all(|axis| (back[axis] - place[axis]).abs() < 1e-6),
-                "{place:?} {back:?}"
-            );
+            assert!((0..2).all(|axis| (back[axis] - place[axis]).abs() < 1e-6), "{place:?} {back:?}");
         }
     }
 
@@ -482,9 +468,7 @@ mod tests {
         let mut numbers = [0.0; NUMBERS];
         numbers[K1] = -3.0;
         let cameras = Cameras::new(numbers, USUAL, SIZE);
-        assert!(
-            cameras.raw([320.0, 240.0], 0).is_some() && cameras.raw([5000.0, 240.0], 0).is_none()
-        );
+        assert!(cameras.raw([320.0, 240.0], 0).is_some() && cameras.raw([5000.0, 240.0], 0).is_none());
         assert!(cameras.is_folded([640.0, 480.0], 0) && !cameras.is_folded([330.0, 240.0], 0));
         assert!(cameras.rectified([640.0, 480.0], 0).iter().all(|at| at.is_finite()));
 

@@ -85,8 +85,7 @@ impl Features {
             let found = corners(&smaller, most, BORDER, level)?;
 
             let steps = [cols as f64 / cols_here as f64, rows as f64 / rows_here as f64];
-            let place =
-                |corner: &Corner| [0, 1].map(|axis| (corner.place[axis] + 0.5) * steps[axis] - 0.5);
+            let place = |corner: &Corner| [0, 1].map(|axis| (corner.place[axis] + 0.5) * steps[axis] - 0.5);
             features.places.extend(found.iter().map(place));
             features.scales.resize(features.places.len(), steps[0]);
             features.levels.push((found, energies(&smaller, level)?));
@@ -98,9 +97,10 @@ impl Features {
     /// The codes that the corners would have if the image were turned by so much, radians.
     pub fn codes(&self, turn: f64) -> Vec<CornerCode> {
         let sampling = Sampling::new(turn);
-        let codes = self.levels.iter().flat_map(|(corners, energies)| {
-            corners.iter().map(|corner| sampling.code(corner, energies))
-        });
+        let codes = self
+            .levels
+            .iter()
+            .flat_map(|(corners, energies)| corners.iter().map(|corner| sampling.code(corner, energies)));
         codes.collect()
     }
 }

@@ -32,12 +32,7 @@ pub struct Corner {
 }
 
 /// The corners of an image that are at least `border` pixels from its ends: about `most`, spread evenly.
-pub fn corners(
-    image: &Plane<f32>,
-    most: usize,
-    border: usize,
-    level: Level,
-) -> Result<Vec<Corner>> {
+pub fn corners(image: &Plane<f32>, most: usize, border: usize, level: Level) -> Result<Vec<Corner>> {
     let strength = strengths(image, level)?;
     let (rows, cols) = (image.rows(), image.cols());
     let border = border.max(RADIUS + 1);
@@ -81,8 +76,7 @@ fn strengths(image: &Plane<f32>, level: Level) -> Result<Plane<f32>> {
 fn is_largest(strength: &Plane<f32>, y: usize, x: usize) -> bool {
     let value = strength.row(y)[x];
     let columns = x - RADIUS..=x + RADIUS;
-    (y - RADIUS..=y + RADIUS)
-        .all(|y| strength.row(y)[columns.clone()].iter().all(|other| *other <= value))
+    (y - RADIUS..=y + RADIUS).all(|y| strength.row(y)[columns.clone()].iter().all(|other| *other <= value))
 }
 
 fn corner(strength: &Plane<f32>, y: usize, x: usize) -> Corner {

@@ -25,8 +25,7 @@ const REACH: f64 = 3.0;
 /// The image with its values stretched to 0 to 255. What is not finite becomes black.
 pub fn stretched(image: &Plane<f32>) -> Plane<f32> {
     let rows = (0..image.rows()).step_by(STRIDE);
-    let mut values: Vec<f32> =
-        rows.flat_map(|y| image.row(y).iter().step_by(STRIDE).copied()).collect();
+    let mut values: Vec<f32> = rows.flat_map(|y| image.row(y).iter().step_by(STRIDE).copied()).collect();
     values.retain(|value| value.is_finite());
     let [Some(low), Some(high)] = ENDS.map(|share| quantile(&mut values, share)) else {
         return image.map(|_| 0.0);
@@ -58,8 +57,7 @@ pub fn reduced(image: &Plane<f32>, (rows, cols): (usize, usize)) -> Result<Plane
 
         for (value, (first, weights)) in out.row_mut(y).iter_mut().zip(&beside) {
             let covered = &mean[*first..][..weights.len()];
-            *value =
-                covered.iter().zip(weights).fold(0.0, |sum, (value, weight)| sum + value * weight);
+            *value = covered.iter().zip(weights).fold(0.0, |sum, (value, weight)| sum + value * weight);
         }
     }
 
@@ -101,8 +99,7 @@ pub fn smoothed_channels(
     level: Level,
 ) -> Result<Plane<f32>> {
     let radius = (REACH * sigma).ceil() as usize;
-    let mut weights: Vec<f64> =
-        (0..=radius).map(|k| math::exp(-0.5 * (k as f64 / sigma).powi(2))).collect();
+    let mut weights: Vec<f64> = (0..=radius).map(|k| math::exp(-0.5 * (k as f64 / sigma).powi(2))).collect();
     let all = 2.0 * weights.iter().sum::<f64>() - weights[0];
     for weight in &mut weights {
         *weight /= all;
@@ -119,12 +116,7 @@ pub fn summed(image: &Plane<f32>, radius: usize, level: Level) -> Result<Plane<f
 
 /// The image under a symmetric kernel, of which the weights of the middle and of one side are given, along
 /// both axes.
-fn filtered(
-    image: &Plane<f32>,
-    channels: usize,
-    weights: &[f32],
-    level: Level,
-) -> Result<Plane<f32>> {
+fn filtered(image: &Plane<f32>, channels: usize, weights: &[f32], level: Level) -> Result<Plane<f32>> {
     let (rows, cols) = (image.rows(), image.cols());
     let radius = weights.len() - 1;
     let (margin, pixels) = (radius * channels, cols / channels);
@@ -249,8 +241,6 @@ mod tests {
         assert!(found.row(0)[0].abs() < 1e-6 && found.row(8)[8].abs() < 1e-6);
         assert!((found.row(39)[0] - 255.0).abs() < 1e-6);
         assert!(found.row(20)[5] > 120.0 && found.row(20)[5] < 150.0);
-        assert!(
-            stretched(&image.map(|_| f32::NAN)).as_slice().iter().all(|value| value.abs() < 1e-6)
-        );
+        assert!(stretched(&image.map(|_| f32::NAN)).as_slice().iter().all(|value| value.abs() < 1e-6));
     }
 }

@@ -87,9 +87,7 @@ pub fn fit(
                 .iter()
                 .zip(&total)
                 .filter(|(_, weight)| **weight > 0.0)
-                .map(|(found, weight)| {
-                    weight * new.row_difference([found.left, found.right]).powi(2)
-                })
+                .map(|(found, weight)| weight * new.row_difference([found.left, found.right]).powi(2))
                 .sum();
             sum + held(new) <= before
         });
@@ -144,22 +142,14 @@ fn improve(
 /// Cameras fitted anew to matches of which some agree, and how near the rows of those are that agree with
 /// them; the best first. They begin with usual lenses, barrel and pincushion, and with such as may differ
 /// much.
-pub fn fitted(
-    matches: &[CornerMatch],
-    agreeing: &[bool],
-    size: (usize, usize),
-) -> [(Cameras, f64); 3] {
+pub fn fitted(matches: &[CornerMatch], agreeing: &[bool], size: (usize, usize)) -> [(Cameras, f64); 3] {
     let least = AGREE.1 * size.1 as f64;
     let start = |(spreads, k1): ([f64; NUMBERS], f64)| {
         let mut numbers = [0.0; NUMBERS];
         numbers[super::cameras::K1] = k1;
         let mut cameras = Cameras::new(numbers, spreads, size);
-        let mut kept: Vec<CornerMatch> = matches
-            .iter()
-            .zip(agreeing)
-            .filter(|(_, is_in)| **is_in)
-            .map(|(one, _)| *one)
-            .collect();
+        let mut kept: Vec<CornerMatch> =
+            matches.iter().zip(agreeing).filter(|(_, is_in)| **is_in).map(|(one, _)| *one).collect();
 
         let (mut cost, mut near) = (f64::INFINITY, least);
         for steps in [Steps(15, 4), Steps(8, 0)] {
@@ -206,13 +196,8 @@ mod tests {
             let mut numbers = [0.0; NUMBERS];
             numbers[0] = focal;
             let cameras = Cameras::new(numbers, USUAL, SIZE);
-            CameraFit {
-                cameras,
-                weights: vec![1.0; 400],
-                spread,
-                normal: Normal::held([1.0; NUMBERS]),
-            }
-            .improbability()
+            CameraFit { cameras, weights: vec![1.0; 400], spread, normal: Normal::held([1.0; NUMBERS]) }
+                .improbability()
         };
         assert!(fit(-5.0, 0.2) > fit(-1.0, 0.2));
         assert!(fit(-5.0, 0.33) > fit(0.0, 0.2) && fit(-1.0, 0.2) < fit(0.0, 0.33));

@@ -91,9 +91,7 @@ pub fn matched(
     found.sort_by_key(|(likest, _)| -likest.likeness);
 
     let mut taken = BTreeSet::new();
-    found.retain(|(_, index)| {
-        taken.insert(left.places[*index].map(|value| (value / SQUARE).round() as i64))
-    });
+    found.retain(|(_, index)| taken.insert(left.places[*index].map(|value| (value / SQUARE).round() as i64)));
     let pair = |(likest, index): &(Likest, usize)| CornerMatch {
         left: left.places[*index],
         right: right.places[likest.corner],
@@ -150,8 +148,7 @@ mod tests {
             let mut out = [(4, 0), (0, 0), (8, 0)];
             write_products(level, &codes[3], &codes, &mut out);
             for (other, product) in out {
-                let terms =
-                    (0..LENGTH).map(|k| i64::from(codes[3][k]) * i64::from(codes[other][k]));
+                let terms = (0..LENGTH).map(|k| i64::from(codes[3][k]) * i64::from(codes[other][k]));
                 assert_eq!(i64::from(product), terms.sum::<i64>(), "{name}");
             }
         }

@@ -88,9 +88,7 @@ pub fn rectify_if_needed(
 ) -> Result<Attempt> {
     let control = runtime.control.aside_leaving(before.time * REST);
     match attempt(pair, before, facts, settings, Runtime { control: &control, ..runtime }) {
-        Err(Error::Cancelled) if !runtime.control.is_cancelled() => {
-            Ok(Attempt::Refused(Refusal::Late))
-        }
+        Err(Error::Cancelled) if !runtime.control.is_cancelled() => Ok(Attempt::Refused(Refusal::Late)),
         attempt => attempt,
     }
 }
@@ -201,8 +199,7 @@ fn can_be_tried(estimates: &Estimates, facts: &Facts, settings: &Settings) -> bo
 /// A pair whose pixels are at these places of the raw images.
 pub fn resampled(pair: &Pair, places: &[Plane<[f32; 2]>; 2], control: &Control) -> Result<Pair> {
     let [left, right] = pair.views();
-    let views =
-        [warp::rectified(left, &places[0], control)?, warp::rectified(right, &places[1], control)?];
+    let views = [warp::rectified(left, &places[0], control)?, warp::rectified(right, &places[1], control)?];
     Ok(pair.with_views(views))
 }
 

@@ -42,12 +42,7 @@ pub enum Interpolation {
 }
 
 /// The places of all pixels of the left (0) or the right image (1).
-pub fn places(
-    cameras: &Cameras,
-    camera: usize,
-    size: (usize, usize),
-    control: &Control,
-) -> Result<Places> {
+pub fn places(cameras: &Cameras, camera: usize, size: (usize, usize), control: &Control) -> Result<Places> {
     let backward = cameras.backward(camera);
     Plane::by_rows(size, control, |y, row| {
         for (x, place) in row.iter_mut().enumerate() {
@@ -162,9 +157,7 @@ impl<T: Copy + Into<f64>, N: Fn(f64) -> T> RawPixels<'_, T, N> {
             let mut sum = 0.0;
             for (tap, weight) in (0..).zip(down) {
                 let start = clamp(row + tap, self.rows) * self.cols;
-                let value = |at: usize| -> f64 {
-                    self.pixels[(start + at) * self.channels + channel].into()
-                };
+                let value = |at: usize| -> f64 { self.pixels[(start + at) * self.channels + channel].into() };
                 let mut of_row = 0.0;
                 for (weight, at) in along.iter().zip(columns) {
                     of_row += f64::from(*weight) * value(at);
@@ -187,8 +180,8 @@ impl<T: Copy + Into<f64>, N: Fn(f64) -> T> RawPixels<'_, T, N> {
         let between = |one: f64, other: f64, share: f64| single(one + single(other - one) * share);
         for (channel, out) in out.iter_mut().enumerate() {
             let value = |row: isize, column: isize| -> f64 {
-                let is_inside = (0..self.rows as isize).contains(&row)
-                    && (0..self.cols as isize).contains(&column);
+                let is_inside =
+                    (0..self.rows as isize).contains(&row) && (0..self.cols as isize).contains(&column);
                 let at = || (row as usize * self.cols + column as usize) * self.channels + channel;
                 if is_inside { self.pixels[at()].into() } else { 0.0 }
             };
@@ -200,11 +193,7 @@ impl<T: Copy + Into<f64>, N: Fn(f64) -> T> RawPixels<'_, T, N> {
 
 /// A map of the rectified pair as one of the raw left image, and by how many rows each pixel is lower in the
 /// raw right image (NaN where there is no disparity).
-pub fn raw(
-    map: &Disparity,
-    cameras: &Cameras,
-    control: &Control,
-) -> Result<(Disparity, Plane<f32>)> {
+pub fn raw(map: &Disparity, cameras: &Cameras, control: &Control) -> Result<(Disparity, Plane<f32>)> {
     let claims = claims(&map.disparity, cameras, control)?;
 
     let flags = sampled(&map.flags, &claims, flag::NO_CANDIDATE, control)?;
@@ -231,11 +220,7 @@ pub fn raw(
 }
 
 /// Disparities of the rectified pair as those of the raw left image; NaN where there are none.
-pub fn raw_disparity(
-    disparity: &Plane<f32>,
-    cameras: &Cameras,
-    control: &Control,
-) -> Result<Plane<f32>> {
+pub fn raw_disparity(disparity: &Plane<f32>, cameras: &Cameras, control: &Control) -> Result<Plane<f32>> {
     Ok(claims(disparity, cameras, control)?.map(|claim| claim.disparity))
 }
 
@@ -353,12 +338,7 @@ fn rectified_claim(cameras: &Cameras, place: Point, claim: f32) -> Option<[f32; 
 
 /// Of a raw left pixel, its rectified place and a rectified disparity: by how many columns it is farther left in the raw right
 /// image, by how many rows lower, and how many raw columns a rectified one is there.
-fn claim_of(
-    backward: &Backward,
-    place: Point,
-    rectified: Point,
-    disparity: f32,
-) -> Option<[f32; 3]> {
+fn claim_of(backward: &Backward, place: Point, rectified: Point, disparity: f32) -> Option<[f32; 3]> {
     let at = |by: f64| backward.place([rectified[0] - by, rectified[1]]);
 
     let disparity = f64::from(disparity);
@@ -398,9 +378,7 @@ mod tests {
 
     fn map() -> Disparity {
         Disparity {
-            disparity: Plane::from_fn(SIZE.0, SIZE.1, |y, x| {
-                if x < 20 { f32::NAN } else { y as f32 / 8.0 }
-            }),
+            disparity: Plane::from_fn(SIZE.0, SIZE.1, |y, x| if x < 20 { f32::NAN } else { y as f32 / 8.0 }),
             flags: Plane::from_fn(SIZE.0, SIZE.1, |_, x| x as u16),
             confidence: Some(Plane::from_fn(SIZE.0, SIZE.1, |_, x| x as f32 / 100.0)),
             uncertainty: Some(Plane::from_fn(SIZE.0, SIZE.1, |_, _| 1.0)),
@@ -471,8 +449,7 @@ mod tests {
         let control = Control::default();
         let (there, _) = raw(&map(), &cameras, &control).expect("memory");
         let places = places(&cameras, 0, SIZE, &control).expect("memory");
-        let (back, of_raw) =
-            matched(&there.disparity, &cameras, &places, &control).expect("memory");
+        let (back, of_raw) = matched(&there.disparity, &cameras, &places, &control).expect("memory");
 
         let mut seen = 0;
         for ((claim, place), y) in
@@ -501,8 +478,7 @@ mod tests {
         let mask = Plane::from_fn(SIZE.0, SIZE.1, |y, x| (y, x) != (30, 40));
         let input = Input { mask: Some(mask), ..Image::F32(pixels).into() };
         let found = rectified_input(&input, &places, Interpolation::Lanczos, &control);
-        let Input { image: Image::F32(pixels), mask: Some(mask), .. } = found.expect("memory")
-        else {
+        let Input { image: Image::F32(pixels), mask: Some(mask), .. } = found.expect("memory") else {
             unreachable!("as it was, and corners are outside")
         };
         assert!(pixels.iter().all(|value| (value - 50.0).abs() < 1e-3));

@@ -95,8 +95,7 @@ pub fn choose(map: &mut Disparity, doubt: &Doubt, coarse: &Disparity, level: Lev
     let (Some(confidence), Some(uncertainty)) = (&mut map.confidence, &mut map.uncertainty) else {
         return Ok(());
     };
-    let (Some(coarse_confidence), Some(coarse_uncertainty)) =
-        (&coarse.confidence, &coarse.uncertainty)
+    let (Some(coarse_confidence), Some(coarse_uncertainty)) = (&coarse.confidence, &coarse.uncertainty)
     else {
         return Ok(());
     };

@@ -24,8 +24,7 @@ use phasestereo_match::image::window_sums::{Beyond, Windows};
 const PARTS: i32 = 16;
 /// Largest rest, in these parts: the sum of its squares over a window fits into 32 bits.
 const MOST: i32 = 7000;
-const _: () =
-    assert!((MOST as u64).pow(2) * ((2 * DETAIL_RADIUS + 1) as u64).pow(2) <= u32::MAX as u64);
+const _: () = assert!((MOST as u64).pow(2) * ((2 * DETAIL_RADIUS + 1) as u64).pow(2) <= u32::MAX as u64);
 
 /// The detail around each pixel of an image.
 pub struct Detail {
@@ -57,8 +56,7 @@ impl Detail {
         let squares = Plane::by_bands(size, TASK_ROWS, |first, band| {
             control.checkpoint()?;
             let values = |y: usize| rest.row(y).iter().map(|rest| [(rest * rest) as u32]);
-            let mean =
-                |y: usize, x: usize, [sum]: [u32; 1]| sum as f32 / around.pixels(y, x) as f32;
+            let mean = |y: usize, x: usize, [sum]: [u32; 1]| sum as f32 / around.pixels(y, x) as f32;
             around.write((first, band), values, mean, level)
         })?;
 

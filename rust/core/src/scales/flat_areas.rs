@@ -117,23 +117,13 @@ fn noise(gray: &Plane<i32>) -> i64 {
 }
 
 /// The pixels around which all are marked, up to `radius` rows and columns away.
-pub fn shrunk(
-    marked: &Plane<bool>,
-    radius: usize,
-    level: Level,
-    control: &Control,
-) -> Result<Plane<bool>> {
+pub fn shrunk(marked: &Plane<bool>, radius: usize, level: Level, control: &Control) -> Result<Plane<bool>> {
     let lost = grown(&marked.map(|is_marked| !is_marked), radius, level, control)?;
     Ok(lost.map(|is_lost| !is_lost))
 }
 
 /// The pixels that are at most `radius` rows and columns from a marked one.
-pub fn grown(
-    marked: &Plane<bool>,
-    radius: usize,
-    level: Level,
-    control: &Control,
-) -> Result<Plane<bool>> {
+pub fn grown(marked: &Plane<bool>, radius: usize, level: Level, control: &Control) -> Result<Plane<bool>> {
     let size = (marked.rows(), marked.cols());
 
     let along = Plane::by_rows(size, control, |y, near: &mut [bool]| {
@@ -178,8 +168,7 @@ impl<'a> Connectivity for Marked<'a> {
         while start < row.len() {
             let is_marked = row[start];
             // Most runs are long.
-            let alike =
-                |part: &&[bool]| part.iter().fold(true, |all, one| all & (*one == is_marked));
+            let alike = |part: &&[bool]| part.iter().fold(true, |all, one| all & (*one == is_marked));
             let whole = row[start..].chunks_exact(WHOLE).take_while(alike).count();
             let rest = start + whole * WHOLE;
             let end = row[rest..].iter().position(|one| *one != is_marked);

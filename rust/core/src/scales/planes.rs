@@ -45,9 +45,7 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
-use crate::scales::choices::{
-    EVIDENCE_REACH, FAINT, GOES_ON, LEAST_AGREEING, OCCLUDER, OUTSIDE, UNSEEN,
-};
+use crate::scales::choices::{EVIDENCE_REACH, FAINT, GOES_ON, LEAST_AGREEING, OCCLUDER, OUTSIDE, UNSEEN};
 use crate::scales::detail::Detail;
 use crate::scales::flat_areas::{FlatArea, flat_areas, grown, shortened};
 use phasestereo_match::base::control::Control;
@@ -308,8 +306,8 @@ impl Scene<'_> {
                 chances.extend(sums.map(chance).flat_map(|chance| [chance; TILE]));
             }
 
-            let [disparity, own, around] = [self.disparity, self.confidence, self.around]
-                .map(|plane| &plane.row(y)[frame.cols.clone()]);
+            let [disparity, own, around] =
+                [self.disparity, self.confidence, self.around].map(|plane| &plane.row(y)[frame.cols.clone()]);
             let place = (y, frame.cols.start);
             let (least, inside, chances) = (self.least, inside.row(row), &chances);
             let known = [disparity, own, around, chances];
@@ -333,8 +331,7 @@ impl Scene<'_> {
     fn goes_on(&self, area: &FlatArea, surface: Surface) -> Result<bool> {
         let [from, to] = OUTSIDE;
         let (rows, cols) = self.wider(area, to);
-        let [near, far] =
-            [from, to].map(|by| area.near((&rows, &cols), by, self.level, self.control));
+        let [near, far] = [from, to].map(|by| area.near((&rows, &cols), by, self.level, self.control));
         let (near, far) = (near?, far?);
 
         let (mut going_on, mut all) = (0u64, 0u64);
@@ -342,8 +339,7 @@ impl Scene<'_> {
             let known = [self.disparity, self.confidence].map(|plane| &plane.row(y)[cols.clone()]);
             let rings = [near.row(row), far.row(row)];
             let flags = &self.flags.row(y)[cols.clone()];
-            let [one, of] =
-                count_going_on(self.level, surface, (y, cols.start), known, flags, rings);
+            let [one, of] = count_going_on(self.level, surface, (y, cols.start), known, flags, rings);
             going_on += u64::from(one);
             all += u64::from(of);
         }
@@ -372,9 +368,8 @@ impl Scene<'_> {
 
     /// The rows and columns that hold an area and the pixels up to this distance around it.
     fn wider(&self, area: &FlatArea, by: usize) -> (Range<usize>, Range<usize>) {
-        let wider = |range: &Range<usize>, most: usize| {
-            range.start.saturating_sub(by)..(range.end + by).min(most)
-        };
+        let wider =
+            |range: &Range<usize>, most: usize| range.start.saturating_sub(by)..(range.end + by).min(most);
         (wider(&area.rows, self.disparity.rows()), wider(&area.cols, self.disparity.cols()))
     }
 
@@ -388,11 +383,7 @@ impl Scene<'_> {
             weigh(self.level, confidences, near.row(row), weights);
             if let Some(faint) = self.faint {
                 let faint = &faint.row(rows.start + row)[cols.clone()];
-                weights
-                    .iter_mut()
-                    .zip(faint)
-                    .filter(|(_, faint)| **faint)
-                    .for_each(|(w, _)| *w = 0.0);
+                weights.iter_mut().zip(faint).filter(|(_, faint)| **faint).for_each(|(w, _)| *w = 0.0);
             }
         })?;
 
@@ -516,9 +507,7 @@ fn add_to_tiles(
 ) {
     let (y, first) = place;
     let parts = disparity.chunks(COLUMNS).zip(weights.chunks(COLUMNS));
-    for ((disparity, weights), (part, means)) in
-        parts.zip(means.chunks_mut(COLUMNS / TILE).enumerate())
-    {
+    for ((disparity, weights), (part, means)) in parts.zip(means.chunks_mut(COLUMNS / TILE).enumerate()) {
         let mut shares = [[0.0; COLUMNS]; 2];
         let [agreeing, all] = &mut shares;
         for (i, (disparity, weight)) in disparity.iter().zip(weights).enumerate() {
@@ -602,9 +591,7 @@ impl Surface {
         }
 
         // The samples that are near change with the plane.
-        (0..3).fold(best, |surface, _| {
-            surface.map(|surface| surface.fitted(samples).unwrap_or(surface))
-        })
+        (0..3).fold(best, |surface, _| surface.map(|surface| surface.fitted(samples).unwrap_or(surface)))
     }
 
     /// The plane through three samples, unless they are nearly on a line, or it is too steep.
@@ -622,8 +609,7 @@ impl Surface {
 
     /// The plane with the least squares of distances from the samples that are near this one.
     fn fitted(&self, samples: &[PlanePixel]) -> Option<Self> {
-        let near: Vec<&PlanePixel> =
-            samples.iter().filter(|sample| self.is_near(**sample)).collect();
+        let near: Vec<&PlanePixel> = samples.iter().filter(|sample| self.is_near(**sample)).collect();
         let mut sums = [0.0; 3];
         for sample in &near {
             sums.iter_mut().zip(*sample).for_each(|(sum, value)| *sum += value);
@@ -676,8 +662,7 @@ struct Random(u64);
 impl Random {
     /// A number below `count`. Knuth, MMIX.
     fn below(&mut self, count: usize) -> usize {
-        self.0 =
-            self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (self.0 >> 33) as usize % count
     }
 }

@@ -44,13 +44,8 @@ const MARGIN: isize = 4;
 const LEAST_RUNS: usize = 2;
 
 /// The disparities that are searched in each panel; `None`: all.
-pub fn panel_ranges(
-    pair: &Pair,
-    optimizer: Optimizer,
-    runtime: Runtime,
-) -> Result<Option<PanelRanges>> {
-    let follows_paths =
-        matches!(optimizer, Optimizer::SemiGlobal | Optimizer::ScanlineOptimization);
+pub fn panel_ranges(pair: &Pair, optimizer: Optimizer, runtime: Runtime) -> Result<Option<PanelRanges>> {
+    let follows_paths = matches!(optimizer, Optimizer::SemiGlobal | Optimizer::ScanlineOptimization);
     if !follows_paths || pair.candidates().count() < MANY {
         return Ok(None);
     }
@@ -95,8 +90,7 @@ fn searched(rough: &Plane<f32>, [rows, cols]: [Range<usize>; 2], all: Candidates
     }
 
     // A disparity of the copy stands for two.
-    let index =
-        |disparity: isize| (disparity - all.min()).clamp(0, all.count() as isize - 1) as usize;
+    let index = |disparity: isize| (disparity - all.min()).clamp(0, all.count() as isize - 1) as usize;
     let first = index(2 * lowest as isize - MARGIN);
     let last = index(2 * highest as isize + 1 + MARGIN);
     Searched::holding(first, last, LEAST_RUNS, all.count())

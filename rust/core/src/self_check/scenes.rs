@@ -85,10 +85,8 @@ pub fn pair(fault: Fault, size: (usize, usize), moment: u32) -> [Input; 2] {
         Fault::FocusApart => {
             let near = |y, x| surface((y, x), 0, size, fault).1 > FAR;
             let [softer, other] = [&left, &right].map(|image| mean(&mean(image, 5, 5), 3, 3));
-            let left =
-                changed(&left, |y, x, sharp| if near(y, x) { at(&softer, y, x) } else { sharp });
-            let right =
-                changed(&right, |y, x, sharp| if near(y, x) { sharp } else { at(&other, y, x) });
+            let left = changed(&left, |y, x, sharp| if near(y, x) { at(&softer, y, x) } else { sharp });
+            let right = changed(&right, |y, x, sharp| if near(y, x) { sharp } else { at(&other, y, x) });
             [left, right]
         }
         Fault::Motion => [left, mean(&right, 1, 9)],
@@ -108,9 +106,7 @@ pub fn pair(fault: Fault, size: (usize, usize), moment: u32) -> [Input; 2] {
         }
         Fault::Stripes => [left, changed(&right, |y, _, value| value + noise(y, 0, 24) / 12)],
         Fault::Rows => [left, moved(&right, |y, x| (y + 1 + 2 * x / cols, x))],
-        Fault::Turned => {
-            [left, moved(&right, |y, x| (y + (x - cols / 2) / 30, x - (y - rows / 2) / 30))]
-        }
+        Fault::Turned => [left, moved(&right, |y, x| (y + (x - cols / 2) / 30, x - (y - rows / 2) / 30))],
         Fault::Zoomed => {
             let zoom = |place: i32, length: i32| length / 2 + (place - length / 2) * 32 / 33;
             [left, moved(&right, |y, x| (zoom(y, rows), zoom(x, cols)))]
@@ -129,8 +125,7 @@ pub fn pair(fault: Fault, size: (usize, usize), moment: u32) -> [Input; 2] {
         Fault::Interlaced => [left, moved(&right, |y, x| (y, x + 3 * (y % 2)))],
         Fault::Vignetting => {
             let darker = |y: i32, x: i32, value: i32| {
-                let from =
-                    |place: i32, length: i32| (2 * place - length).pow(2) * 100 / length.pow(2);
+                let from = |place: i32, length: i32| (2 * place - length).pow(2) * 100 / length.pow(2);
                 value * (300 - from(y, rows) - from(x, cols)) / 400
             };
             [left, changed(&right, darker)]
@@ -185,12 +180,7 @@ pub fn claims(fault: Fault, (rows, cols): (usize, usize)) -> Plane<f32> {
 }
 
 /// Which surface is seen at a place of the left (0) or right (1) image, and its disparity.
-fn surface(
-    (y, x): (i32, i32),
-    camera: i32,
-    (rows, cols): (usize, usize),
-    fault: Fault,
-) -> (u32, i32) {
+fn surface((y, x): (i32, i32), camera: i32, (rows, cols): (usize, usize), fault: Fault) -> (u32, i32) {
     let (rows, cols) = (rows as i32, cols as i32);
     let is_of_pole = fault == Fault::Pole
         && (rows / 10..rows * 9 / 10).contains(&y)

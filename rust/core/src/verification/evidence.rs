@@ -134,16 +134,14 @@ mod tests {
     #[test]
     fn costs_between_two_columns_are_interpolated() {
         // Row 0, left column 3: the cost of right column c is 10 c.
-        let volume = Plane::from_fn(1, 4 * 4, |_, index| {
-            10 * (index / 4 - (index % 4).min(index / 4)) as u16
-        });
+        let volume =
+            Plane::from_fn(1, 4 * 4, |_, index| 10 * (index / 4 - (index % 4).min(index / 4)) as u16);
         let costs = Costs::of_volume(
             &volume,
             phasestereo_match::pair::candidates::Candidates::new(0, 4, 4).expect("legal"),
         );
 
-        let cost =
-            |disparity| cost_at(&costs, 4, (0, 3), disparity).map(|cost| f64::from(cost) / 256.0);
+        let cost = |disparity| cost_at(&costs, 4, (0, 3), disparity).map(|cost| f64::from(cost) / 256.0);
         assert_eq!(cost(0.0), Some(30.0));
         assert_eq!(cost(1.25), Some(17.5));
         assert_eq!(cost(3.0), Some(0.0));

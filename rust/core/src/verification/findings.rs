@@ -54,9 +54,8 @@ pub fn of_second(counts: Counts, misreading: Option<Misreading>) -> Vec<Finding>
 /// What is reported of a second matcher that has no map.
 pub fn failed(name: &str, reason: &str) -> Finding {
     let reason: String = reason.lines().next().unwrap_or_default().chars().take(LONGEST).collect();
-    let sentence = format!(
-        "the second matcher {name} failed, and the map is that of the match alone: {reason}"
-    );
+    let sentence =
+        format!("the second matcher {name} failed, and the map is that of the match alone: {reason}");
     Finding::new(Topic::Map, Severity::Warning, sentence)
 }
 
@@ -67,8 +66,7 @@ fn parts(map: &Verified) -> Vec<Measured> {
 }
 
 fn shares(counts: Counts) -> [String; 3] {
-    [verdict::REFUTED, verdict::SUPPORTED, verdict::UNKNOWN]
-        .map(|which| percent(counts.share(which)))
+    [verdict::REFUTED, verdict::SUPPORTED, verdict::UNKNOWN].map(|which| percent(counts.share(which)))
 }
 
 fn outside(counts: Counts) -> Vec<Measured> {

@@ -108,12 +108,7 @@ impl MapPixel {
 
         if (matched - claim).abs() <= AGREES {
             let disparity = matched + share * (claim - matched);
-            return Some(Self {
-                disparity,
-                confidence,
-                bar: 0.5 * (claimed_bar + own_bar),
-                ..self
-            });
+            return Some(Self { disparity, confidence, bar: 0.5 * (claimed_bar + own_bar), ..self });
         }
         let is_taken = if matched.is_nan() { confidence > 0.5 } else { is_better };
         if is_taken {

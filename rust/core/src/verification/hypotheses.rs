@@ -82,8 +82,7 @@ impl Sample {
 
     /// The numbers of claims, without verdicts, and of those that lie outside the right image.
     pub fn counts(&self) -> Counts {
-        let is_outside =
-            |(_, x, claim): &&(usize, usize, f32)| right_column(*x, *claim, self.cols).is_none();
+        let is_outside = |(_, x, claim): &&(usize, usize, f32)| right_column(*x, *claim, self.cols).is_none();
         let outside = self.claims.iter().filter(is_outside).count() as u64;
         Counts { verdicts: [0, self.claims.len() as u64, 0, 0], outside }
     }
@@ -109,8 +108,7 @@ impl Sample {
 
         let count = self.claims.len().max(1) as f64;
         let mean = random as f64 / count;
-        let lower =
-            found.len() as f64 * mean - found.iter().copied().map(i64::from).sum::<i64>() as f64;
+        let lower = found.len() as f64 * mean - found.iter().copied().map(i64::from).sum::<i64>() as f64;
         if mean > 0.0 { lower / (count * mean) } else { 0.0 }
     }
 }
@@ -138,8 +136,7 @@ pub fn widened(found: Candidates, map: &Plane<f32>) -> Candidates {
     let disparities = || counts.iter().enumerate();
 
     let low = disparities().scan(0, |passed, next| Some(beyond_few(passed, next))).flatten().next();
-    let high =
-        disparities().rev().scan(0, |passed, next| Some(beyond_few(passed, next))).flatten().next();
+    let high = disparities().rev().scan(0, |passed, next| Some(beyond_few(passed, next))).flatten().next();
     let (Some(low), Some(high)) = (low, high) else { return found };
 
     let (first, last) = (found.min() as i64, found.min() as i64 + found.count() as i64 - 1);
@@ -191,11 +188,6 @@ mod tests {
         assert_eq!(right_column(5, 5.6, 10), None);
         assert_eq!(right_column(5, -4.0, 10), Some(9));
         assert_eq!(right_column(5, -5.0, 10), None);
-        assert!(
-            [1e9, -1e9, f32::NAN, f32::MAX]
-                .map(|d| right_column(5, d, 10))
-                .iter()
-                .all(Option::is_none)
-        );
+        assert!([1e9, -1e9, f32::NAN, f32::MAX].map(|d| right_column(5, d, 10)).iter().all(Option::is_none));
     }
 }

@@ -32,9 +32,7 @@ use phasestereo_match::base::plane::Plane;
 use phasestereo_match::base::simd::{Level, leveled};
 use phasestereo_match::refinement::{calibration, flag};
 
-use crate::verification::traits::{
-    AGREES, AroundRow, LEAST, LOCAL, Stretch, TRAITS, Traits, WIDTH, odds,
-};
+use crate::verification::traits::{AGREES, AroundRow, LEAST, LOCAL, Stretch, TRAITS, Traits, WIDTH, odds};
 
 /// Points of the line of a trait.
 pub const KNOTS: usize = 6;

@@ -42,11 +42,7 @@ pub enum Second {
 }
 
 /// A match that is not turned back yet, with a second map taken in; and what there is to say of that.
-pub fn fused(
-    matched: Matched,
-    second: Second,
-    runtime: Runtime,
-) -> Result<(Matched, Vec<Finding>)> {
+pub fn fused(matched: Matched, second: Second, runtime: Runtime) -> Result<(Matched, Vec<Finding>)> {
     let Runtime { execution, control, .. } = runtime;
     let claims = match second.claims(&matched, runtime)? {
         Ok(claims) => claims,

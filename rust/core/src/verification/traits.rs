@@ -119,9 +119,8 @@ impl<'a> Traits<'a> {
         let windows = |radius| Windows { size, radius, beyond: Beyond::Nothing };
         let near = Plane::by_bands(size, TASK_ROWS, |first, band| {
             control.checkpoint()?;
-            let values = |y: usize| {
-                summed.row(y).iter().map(|one| [one.sure, one.agrees, one.claims, one.texture])
-            };
+            let values =
+                |y: usize| summed.row(y).iter().map(|one| [one.sure, one.agrees, one.claims, one.texture]);
             let traits = |y: usize, x: usize, [sure, agrees, claims, texture]: [u32; 4]| {
                 let pixels = windows(NEAR).pixels(y, x) as f32;
                 let texture = in_roughness(texture as f32 / pixels, roughness);
@@ -131,8 +130,7 @@ impl<'a> Traits<'a> {
         })?;
         let far = Plane::by_bands(size, TASK_ROWS, |first, band| {
             control.checkpoint()?;
-            let values =
-                |y: usize| summed.row(y).iter().map(|one| [one.sure, one.agrees, one.claims]);
+            let values = |y: usize| summed.row(y).iter().map(|one| [one.sure, one.agrees, one.claims]);
             let traits = |y: usize, x: usize, [sure, agrees, claims]: [u32; 3]| {
                 let pixels = windows(FAR).pixels(y, x) as f32;
                 [odds(sure as f32 / STEPS / pixels), share([agrees, claims])]
@@ -246,8 +244,7 @@ fn rows_around(y: usize, radius: usize, rows: usize) -> std::ops::Range<usize> {
 #[leveled]
 fn range_around(level: Level, plane: &Plane<f32>, y: usize, radius: usize) -> Vec<f32> {
     let cols = plane.cols();
-    let [mut low, mut high] =
-        [f32::INFINITY, f32::NEG_INFINITY].map(|none| vec![none; cols + 2 * radius]);
+    let [mut low, mut high] = [f32::INFINITY, f32::NEG_INFINITY].map(|none| vec![none; cols + 2 * radius]);
     for v in rows_around(y, radius, plane.rows()) {
         let columns = low[radius..].iter_mut().zip(&mut high[radius..]);
         for ((low, high), value) in columns.zip(plane.row(v)) {
@@ -289,12 +286,7 @@ fn nearest_around(level: Level, claims: &[f32], own: &Plane<f32>, y: usize) -> V
 }
 
 /// What is summed of all pixels.
-fn summed(
-    map: &Plane<f32>,
-    own: &Disparity,
-    gray: &Plane<i32>,
-    control: &Control,
-) -> Result<Plane<Summed>> {
+fn summed(map: &Plane<f32>, own: &Disparity, gray: &Plane<i32>, control: &Control) -> Result<Plane<Summed>> {
     Plane::by_rows((map.rows(), map.cols()), control, |y, row: &mut [Summed]| {
         let disparities = map.row(y).iter().zip(own.disparity.row(y));
         for (out, (claim, own)) in row.iter_mut().zip(disparities) {
@@ -356,8 +348,7 @@ mod tests {
             1 => 1e30,
             of => of as f32 / 2.0,
         };
-        let [claims, own] =
-            [3, 8].map(|seed| Plane::from_fn(11, 13, |y, x| value(y, x, seed * y + seed)));
+        let [claims, own] = [3, 8].map(|seed| Plane::from_fn(11, 13, |y, x| value(y, x, seed * y + seed)));
         let window = |y: usize, x: usize, radius: usize| {
             let near = move |at: usize, of: usize| at.abs_diff(of) <= radius;
             let rows = (0..11).filter(move |v| near(*v, y));
@@ -369,8 +360,7 @@ mod tests {
                 let ranges = range_around(level, &claims, y, radius);
                 let nearest = nearest_around(level, claims.row(y), &own, y);
                 for x in 0..13 {
-                    let all: Vec<f32> =
-                        window(y, x, radius).map(|(v, u)| claims.row(v)[u]).collect();
+                    let all: Vec<f32> = window(y, x, radius).map(|(v, u)| claims.row(v)[u]).collect();
                     let finite = all.iter().filter(|value| value.is_finite());
                     let low = finite.clone().copied().fold(f32::INFINITY, f32::min);
                     let high = finite.copied().fold(f32::NEG_INFINITY, f32::max);

@@ -165,8 +165,7 @@ impl Rig {
             }
             if let Some(raw) = &raw {
                 let rows = raw.rectification.rms;
-                let sentence =
-                    format!("raw images are rectified from here on: rows to {rows:.2} px");
+                let sentence = format!("raw images are rectified from here on: rows to {rows:.2} px");
                 self.events.push(Subject::Cameras, self.frames, sentence);
             }
 
@@ -186,11 +185,8 @@ impl Rig {
 
     /// Keeps what was estimated of this frame.
     fn remember(&mut self, estimates: &Estimates, settings: &Settings) {
-        let appearance = Appearance {
-            estimates: estimates.clone(),
-            settings: settings.clone(),
-            frame: self.frames,
-        };
+        let appearance =
+            Appearance { estimates: estimates.clone(), settings: settings.clone(), frame: self.frames };
         self.appearance = Some(Arc::new(appearance));
         self.sensors = Sensors::new(estimates, self.frames).or(self.sensors.take());
     }
@@ -256,11 +252,7 @@ enum Verdict {
 
 impl<'a> Followed<'a, '_> {
     /// Matches the frame.
-    fn frame(
-        mut self,
-        mut geometry: Geometry,
-        filter: Option<&mut TemporalFilter>,
-    ) -> Result<Frame> {
+    fn frame(mut self, mut geometry: Geometry, filter: Option<&mut TemporalFilter>) -> Result<Frame> {
         geometry.field.predict();
         let input = self.input(&geometry)?;
         self.rig.changes.update(input.pair.views()[0])?;
@@ -309,8 +301,8 @@ impl<'a> Followed<'a, '_> {
         }
 
         let appearance = self.rig.appearance.as_deref();
-        let appearance = appearance
-            .filter(|appearance| self.rig.frames - appearance.frame < self.options.reestimate);
+        let appearance =
+            appearance.filter(|appearance| self.rig.frames - appearance.frame < self.options.reestimate);
         let blur = appearance.and_then(|appearance| appearance.estimates.blur.as_ref());
 
         let is_as_before = match (appearance, blur) {
@@ -325,12 +317,7 @@ impl<'a> Followed<'a, '_> {
     }
 
     /// Matches the frame by what is known of it; once more, blocks of all rows are found again.
-    fn match_known(
-        &self,
-        geometry: &Geometry,
-        input: &RectifiedFrame,
-        is_again: bool,
-    ) -> Result<FrameMatch> {
+    fn match_known(&self, geometry: &Geometry, input: &RectifiedFrame, is_again: bool) -> Result<FrameMatch> {
         let Options { facts, settings, .. } = self.options;
         let pair = Pair::clone(&input.pair);
         let candidates = match &facts.candidates {
@@ -339,8 +326,7 @@ impl<'a> Followed<'a, '_> {
         };
         // Rows are followed whatever the settings say, and estimated where they sway.
         let sways = geometry.sways.state == 1;
-        let rows =
-            if sways { Rows::Wanted } else { Rows::known(Fact::remembered(geometry.alignment()?)) };
+        let rows = if sways { Rows::Wanted } else { Rows::known(Fact::remembered(geometry.alignment()?)) };
         let facts = Facts { candidates: Some(candidates.clone()), rows, ..facts.clone() };
 
         let estimates = match &self.rig.appearance {
@@ -470,8 +456,7 @@ impl<'a> Followed<'a, '_> {
     fn has_entered(&mut self, geometry: &mut Geometry, result: &FrameMatch) -> Result<bool> {
         let prepared = &result.prepared;
         let known = prepared.estimates.candidates.value;
-        let asked =
-            Asked { turn: self.rig.frames as usize, changed: self.rig.changes.squares.as_ref() };
+        let asked = Asked { turn: self.rig.frames as usize, changed: self.rig.changes.squares.as_ref() };
         let map = &result.map.disparity;
         let places = range::entered(&prepared.pair, map, known, asked, self.runtime)?;
         let low = places.iter().map(|place| place.low.floor() as i64).min();
@@ -481,8 +466,7 @@ impl<'a> Followed<'a, '_> {
             return Ok(false);
         }
         let Range { start, end } = geometry.columns.searched;
-        let sentence =
-            format!("things entered: disparities from {start} to {} are searched", end - 1);
+        let sentence = format!("things entered: disparities from {start} to {} are searched", end - 1);
         self.rig.events.renew(Subject::Range, self.rig.frames, sentence);
         Ok(true)
     }

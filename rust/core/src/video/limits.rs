@@ -111,8 +111,7 @@ impl Quantity {
             Self::Exposure => sensors?.response.map(|[_, _, ratio]| ratio.max(ratio.recip())),
             Self::Blur => {
                 let blur = sensors?.blur.as_ref();
-                blur.filter(|blur| blur.certainty >= SURE.into())
-                    .map(|blur| blur.largest(BLUR_SHARE))
+                blur.filter(|blur| blur.certainty >= SURE.into()).map(|blur| blur.largest(BLUR_SHARE))
             }
         }
     }

@@ -26,8 +26,8 @@ use crate::estimation::Estimates;
 use crate::estimation::blur::{self, Side};
 use crate::rectification::Raw;
 use crate::video::choices::{
-    CALM_FRAMES, CHANGED_FRAMES, HEALTH_FRAMES, ILL_FROM, STRAIGHT_BELOW, STRAIGHT_FRAMES,
-    STRAIGHTEN_ERRORS, STRAIGHTEN_FROM, WELL_BELOW,
+    CALM_FRAMES, CHANGED_FRAMES, HEALTH_FRAMES, ILL_FROM, STRAIGHT_BELOW, STRAIGHT_FRAMES, STRAIGHTEN_ERRORS,
+    STRAIGHTEN_FROM, WELL_BELOW,
 };
 use phasestereo_match::base::error::Result;
 use phasestereo_match::pair::Pair;
@@ -156,13 +156,11 @@ impl Rig {
     /// Forgets how the cameras look if images have another size, or are turned and were not, and all
     /// estimates if the settings are others.
     pub fn suit(&mut self, size: (usize, usize), is_turned: bool, settings: &Settings) {
-        let is_other =
-            |geometry: &Geometry| geometry.size != size || geometry.is_turned != is_turned;
+        let is_other = |geometry: &Geometry| geometry.size != size || geometry.is_turned != is_turned;
         if self.geometry.as_ref().is_some_and(is_other) {
             let (rows, cols) = if is_turned { (size.1, size.0) } else { size };
             let along = if is_turned { ", matched along columns" } else { "" };
-            let sentence =
-                format!("images are {cols} x {rows}{along} from here on: all is learned anew");
+            let sentence = format!("images are {cols} x {rows}{along} from here on: all is learned anew");
             self.events.push(Subject::Cameras, self.frames, sentence);
             (self.geometry, self.appearance, self.health, self.sensors) = (None, None, None, None);
         }

@@ -42,8 +42,7 @@ use rayon::prelude::*;
 
 use self::change::{Changes, Scale};
 use crate::video::choices::{
-    CHANGE_STEP, LEAST_MOVED, MEAN_FRAMES, MOST_MOVED_BY, MOVED_BLOCK, MOVED_BY, MOVED_STEP,
-    SAME_DISPARITY,
+    CHANGE_STEP, LEAST_MOVED, MEAN_FRAMES, MOST_MOVED_BY, MOVED_BLOCK, MOVED_BY, MOVED_STEP, SAME_DISPARITY,
 };
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Result;
@@ -126,9 +125,8 @@ impl Before {
     fn nothing(pair: &Pair, settings: &Settings, map: &Disparity) -> Result<Self> {
         let size = pair.size();
         let [left, right] = pair.views();
-        let like = |plane: &Option<Plane<f32>>| {
-            plane.is_some().then(|| Plane::new(size.0, size.1)).transpose()
-        };
+        let like =
+            |plane: &Option<Plane<f32>>| plane.is_some().then(|| Plane::new(size.0, size.1)).transpose();
         let scales = [Scale::of_view(left), Scale::of_view(right)];
         let settings = compared(settings);
         let key = Key { size, scales, settings, candidates: pair.candidates() };
@@ -161,18 +159,14 @@ impl Before {
         let (rows, cols) = (now.rows(), now.cols());
         let has_moved = |block_row: usize, block: usize| {
             let (mut up, mut down, mut known) = (0u32, 0u32, 0u32);
-            for y in (block_row * MOVED_BLOCK..((block_row + 1) * MOVED_BLOCK).min(rows))
-                .step_by(MOVED_STEP)
+            for y in (block_row * MOVED_BLOCK..((block_row + 1) * MOVED_BLOCK).min(rows)).step_by(MOVED_STEP)
             {
                 let (before, now) = (self.disparity.row(y), now.row(y));
                 let support = self.support.row(y);
-                for x in
-                    (block * MOVED_BLOCK..((block + 1) * MOVED_BLOCK).min(cols)).step_by(MOVED_STEP)
-                {
+                for x in (block * MOVED_BLOCK..((block + 1) * MOVED_BLOCK).min(cols)).step_by(MOVED_STEP) {
                     let by = now[x] - before[x];
                     known += u32::from(support[x] > 0 && !by.is_nan());
-                    let has_moved =
-                        by.abs() > MOVED_BY && by.abs() <= MOST_MOVED_BY && support[x] > 0;
+                    let has_moved = by.abs() > MOVED_BY && by.abs() <= MOST_MOVED_BY && support[x] > 0;
                     up += u32::from(has_moved && by > 0.0);
                     down += u32::from(has_moved && by < 0.0);
                 }
@@ -204,8 +198,7 @@ impl Before {
             Ok(())
         })?;
 
-        for (before, now) in self.trust.iter_mut().zip([&mut map.confidence, &mut map.uncertainty])
-        {
+        for (before, now) in self.trust.iter_mut().zip([&mut map.confidence, &mut map.uncertainty]) {
             let (Some(before), Some(now)) = (before, now) else { continue };
 
             let rows = before.as_mut_slice().par_chunks_mut(cols);
@@ -278,8 +271,7 @@ fn mark_changed(left: &[bool], right: &[bool], before: &[f32], now: &[f32], mark
 #[inline(always)]
 fn follow(before: &mut [f32], support: &mut [u8], now: &mut [f32], marks: &mut [bool]) {
     let count = now.len();
-    let (before, support, marks) =
-        (&mut before[..count], &mut support[..count], &mut marks[..count]);
+    let (before, support, marks) = (&mut before[..count], &mut support[..count], &mut marks[..count]);
     for x in 0..count {
         let (old, new, frames) = (before[x], now[x], support[x]);
         let is_same = ((new - old).abs() <= SAME_DISPARITY) | (new.is_nan() & old.is_nan());

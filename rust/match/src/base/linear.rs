@@ -154,8 +154,7 @@ mod tests {
                 normal.add(&terms, value, 1.0 + number(index).abs());
             }
             let solved = normal.solved().expect("positive definite");
-            let known: [f64; 4] =
-                std::array::from_fn(|at| if at < count { exact[at] } else { 0.0 });
+            let known: [f64; 4] = std::array::from_fn(|at| if at < count { exact[at] } else { 0.0 });
             assert!(solved.iter().zip(known).all(|(a, b)| (a - b).abs() < 1e-12), "{solved:?}");
 
             // The variance by definition: terms . (A^-1 terms).

@@ -9,10 +9,7 @@
 //! This is the only file with unsafe code, beside the C interface, and the only one that names an
 //! architecture.
 
-#![allow(
-    unsafe_code,
-    reason = "a function with target features may only be called where they exist"
-)]
+#![allow(unsafe_code, reason = "a function with target features may only be called where they exist")]
 
 use std::sync::OnceLock;
 
@@ -136,9 +133,7 @@ impl Isa {
                     && is_x86_feature_detected!("avx512vl")
             }
             #[cfg(target_arch = "x86_64")]
-            Self::Avx512Bitalg => {
-                Self::Avx512.is_here() && is_x86_feature_detected!("avx512bitalg")
-            }
+            Self::Avx512Bitalg => Self::Avx512.is_here() && is_x86_feature_detected!("avx512bitalg"),
         }
     }
 }
@@ -234,9 +229,8 @@ pub use self::sse2::{highest_bits, least_bytes};
 #[cfg(target_arch = "x86_64")]
 mod sse2 {
     use std::arch::x86_64::{
-        __m128i, _mm_min_epu8, _mm_movemask_epi8, _mm_unpackhi_epi8, _mm_unpackhi_epi16,
-        _mm_unpackhi_epi32, _mm_unpackhi_epi64, _mm_unpacklo_epi8, _mm_unpacklo_epi16,
-        _mm_unpacklo_epi32, _mm_unpacklo_epi64,
+        __m128i, _mm_min_epu8, _mm_movemask_epi8, _mm_unpackhi_epi8, _mm_unpackhi_epi16, _mm_unpackhi_epi32,
+        _mm_unpackhi_epi64, _mm_unpacklo_epi8, _mm_unpacklo_epi16, _mm_unpacklo_epi32, _mm_unpacklo_epi64,
     };
     use std::mem::transmute;
 
@@ -366,13 +360,11 @@ mod tests {
         }
 
         // The least byte of row `i` is 5 `i`, at place 7 `i`.
-        let byte =
-            |i: usize, j: usize| if j == 7 * i % 32 { 5 * i } else { 90 + 37 * (i + j) % 166 };
+        let byte = |i: usize, j: usize| if j == 7 * i % 32 { 5 * i } else { 90 + 37 * (i + j) % 166 };
         let rows = std::array::from_fn(|i| std::array::from_fn(|j| byte(i, j) as u8));
         let least = std::array::from_fn(|i| 5 * i as u8);
-        let bits = rows.map(|row: [u8; 32]| {
-            row.iter().enumerate().map(|(j, byte)| u32::from(*byte >= 128) << j).sum()
-        });
+        let bits = rows
+            .map(|row: [u8; 32]| row.iter().enumerate().map(|(j, byte)| u32::from(*byte >= 128) << j).sum());
 
         assert_eq!(
             (rows.map(|row| portable::highest_bits(&row)), portable::least_bytes(&rows)),

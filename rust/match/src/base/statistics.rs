@@ -102,8 +102,7 @@ mod tests {
             state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
             f64::from(state >> 8) / f64::from(1 << 24)
         };
-        let errors: Vec<f64> =
-            (0..4000).map(|_| (0..12).map(|_| uniform()).sum::<f64>() - 6.0).collect();
+        let errors: Vec<f64> = (0..4000).map(|_| (0..12).map(|_| uniform()).sum::<f64>() - 6.0).collect();
         assert!((deviation(errors.clone()) - 1.0).abs() < 0.05);
 
         let spoiled = errors.iter().enumerate().map(|(at, e)| if at % 20 == 0 { 1e6 } else { *e });

@@ -75,12 +75,7 @@ impl Stage for Aggregation {
 
 impl Window {
     /// The window of checked settings over the costs of a pair.
-    pub fn new(
-        (rows, cols): (usize, usize),
-        candidates: usize,
-        settings: &Settings,
-        ceiling: u16,
-    ) -> Self {
+    pub fn new((rows, cols): (usize, usize), candidates: usize, settings: &Settings, ceiling: u16) -> Self {
         let Settings { window: side, shiftable, .. } = *settings;
         let exact = Self { rows, cols, candidates, side, shiftable, ceiling, dropped: 0 };
 
@@ -173,8 +168,7 @@ impl Window {
             }
         } else {
             for (sum, count) in sums.iter_mut().zip(counts) {
-                let mean =
-                    f64::from(sum.widened() as i32) * area / f64::from(count.widened() as i32);
+                let mean = f64::from(sum.widened() as i32) * area / f64::from(count.widened() as i32);
                 let least = if mean < largest { mean } else { largest };
                 *sum = V::truncated(nearest(least + tie) as u64);
             }
@@ -250,9 +244,7 @@ impl PixelBlock {
 
     /// The columns of every strip.
     #[inline(always)]
-    pub fn strips(
-        &self,
-    ) -> impl ExactSizeIterator<Item = Range<usize>> + DoubleEndedIterator + use<> {
+    pub fn strips(&self) -> impl ExactSizeIterator<Item = Range<usize>> + DoubleEndedIterator + use<> {
         let Self { columns: Range { start, end }, strip, .. } = *self;
         (0..(end - start).div_ceil(strip)).map(move |index| {
             let first = start + index * strip;
@@ -325,12 +317,7 @@ impl<V: Value> Aggregator<V> {
 
 impl<V: Value> WindowedCosts<V> {
     /// Sizes all buffers for some columns, candidates and lanes.
-    fn begin(
-        &mut self,
-        window: Window,
-        columns: &Range<usize>,
-        line: (Searched, usize),
-    ) -> Result<()> {
+    fn begin(&mut self, window: Window, columns: &Range<usize>, line: (Searched, usize)) -> Result<()> {
         self.costs.begin(window, columns, line)?;
 
         // Windows are counted where they are, and the shifted ones take the sums.
@@ -436,8 +423,7 @@ impl<V: Value, const L: usize> Aggregate<'_, V, L> {
     /// window is shifted to them.
     #[inline(always)]
     fn shifted(self) {
-        let Self { aggregator: Aggregator { windows, boxes }, costs, window, block, mut out } =
-            self;
+        let Self { aggregator: Aggregator { windows, boxes }, costs, window, block, mut out } = self;
         let PixelBlock { rows, columns, .. } = block;
         let shift = window.largest_shift();
         let around = columns.start.saturating_sub(shift)..(columns.end + shift).min(window.cols);
@@ -638,12 +624,7 @@ impl<V: Value> BoxSums<V> {
 
 /// Writes the sums over neighboring windows of `side` columns, each column without its lowest bits.
 #[inline(always)]
-fn sum_windows<V: Value, const L: usize>(
-    columns: &[[V; L]],
-    side: usize,
-    bits: u32,
-    out: &mut Lines<V, L>,
-) {
+fn sum_windows<V: Value, const L: usize>(columns: &[[V; L]], side: usize, bits: u32, out: &mut Lines<V, L>) {
     let mut sum = [V::default(); L];
     for column in &columns[..side - 1] {
         sum = added(sum, shifted(*column, bits));
@@ -690,15 +671,9 @@ fn lesser<V: Value, const L: usize>(mut values: [V; L], others: [V; L]) -> [V; L
 }
 
 /// The aggregated costs of a whole volume, rows of `columns x candidates`.
-pub fn aggregate(
-    volume: &Plane<u16>,
-    window: Window,
-    level: Level,
-    control: &Control,
-) -> Result<Plane<u32>> {
+pub fn aggregate(volume: &Plane<u16>, window: Window, level: Level, control: &Control) -> Result<Plane<u32>> {
     let Window { rows, cols, candidates, .. } = window;
-    let costs =
-        Costs::of_volume(volume, Candidates::new(0, candidates as i64, cols.max(candidates))?);
+    let costs = Costs::of_volume(volume, Candidates::new(0, candidates as i64, cols.max(candidates))?);
 
     let mut aggregated = Plane::new(rows, cols * candidates)?;
     let blocks = aggregated.as_mut_slice().par_chunks_mut(ROWS * cols * candidates).enumerate();

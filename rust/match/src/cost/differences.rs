@@ -22,11 +22,7 @@ impl Differences {
 
     /// Writes the costs of a part of a row.
     #[inline(always)]
-    pub fn write<V: Value, const L: usize>(
-        &self,
-        (y, columns, searched): RowPart,
-        out: &mut Lines<V, L>,
-    ) {
+    pub fn write<V: Value, const L: usize>(&self, (y, columns, searched): RowPart, out: &mut Lines<V, L>) {
         for (place, x) in columns.enumerate() {
             let (left, right) = (self.left.row(y)[x], self.right.under(y, x, searched));
             write_differences(left, right, out.line(place));

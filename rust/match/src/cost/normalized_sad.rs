@@ -39,9 +39,7 @@ impl Cost for NormalizedSad {
         PixelBytes { described: 2, versions: 1, passing: 14 }
     }
 
-    fn new(
-        CostInput { views, candidates, settings, level, control, .. }: CostInput,
-    ) -> Result<Self> {
+    fn new(CostInput { views, candidates, settings, level, control, .. }: CostInput) -> Result<Self> {
         let [left, right] = level_planes(views, settings.intensity_range, control)?;
         let normalized = |plane: &Plane<u16>| normalize(plane, settings.window, level, control);
 
@@ -62,12 +60,7 @@ impl Cost for NormalizedSad {
 ///
 /// One gray level of deviation is added in quadrature, so that flat areas do not turn noise into signal.
 /// The one division and square root per pixel are those of IEEE 754, alike on every machine.
-pub fn normalize(
-    plane: &Plane<u16>,
-    window: usize,
-    level: Level,
-    control: &Control,
-) -> Result<Plane<u16>> {
+pub fn normalize(plane: &Plane<u16>, window: usize, level: Level, control: &Control) -> Result<Plane<u16>> {
     let size = (plane.rows(), plane.cols());
     let windows = Windows { size, radius: window / 2, beyond: Beyond::Reflection };
     let count = (window * window) as i64;

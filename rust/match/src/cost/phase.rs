@@ -67,8 +67,7 @@ impl Cost for Phase {
     }
 
     fn reach(Plan { settings, compensation, .. }: Plan) -> usize {
-        let smoothed =
-            if compensation.is_some_and(BlurCompensation::smooths) { smoothing::REACH } else { 0 };
+        let smoothed = if compensation.is_some_and(BlurCompensation::smooths) { smoothing::REACH } else { 0 };
         let kernels = compensation.into_iter().flat_map(BlurCompensation::every_kernel);
         let blurred = kernels.map(|kernel| kernel.radii().0).max().unwrap_or(0);
 
@@ -93,8 +92,7 @@ impl Cost for Phase {
         CostInput { views, candidates, settings, compensation, level, control }: CostInput,
     ) -> Result<Self> {
         let (rows, cols) = views[0].size();
-        let gray =
-            |side: usize| blur_compensation::gray(views[side], compensation, side, level, control);
+        let gray = |side: usize| blur_compensation::gray(views[side], compensation, side, level, control);
 
         let codes = |gray: &Gray, side: usize, kernel: Option<&Kernel>| {
             let noise = compensation.map(|compensation| compensation.noise()[side]);
@@ -304,8 +302,7 @@ impl ByteRows {
         control: &Control,
     ) -> Result<BytePlanes> {
         let count = settings.code_length().div_ceil(8);
-        let plane =
-            describe_rows(gray, settings, noise, &self, count * self.width, level, control)?;
+        let plane = describe_rows(gray, settings, noise, &self, count * self.width, level, control)?;
 
         Ok(BytePlanes { plane, width: self.width, count })
     }

@@ -40,10 +40,7 @@ impl Unrolled {
         let (within, left) = rest.split_at_mut(self.seen.min(self.width - self.beyond));
 
         right.fill(value(pixels[pixels.len() - 1]));
-        within
-            .iter_mut()
-            .zip(pixels[..self.seen].iter().rev())
-            .for_each(|(out, pixel)| *out = value(*pixel));
+        within.iter_mut().zip(pixels[..self.seen].iter().rev()).for_each(|(out, pixel)| *out = value(*pixel));
         left.fill(value(pixels[0]));
     }
 }

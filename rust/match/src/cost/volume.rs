@@ -23,11 +23,7 @@ impl<'a> Volume<'a> {
 
     /// Writes the costs of a part of a row.
     #[inline(always)]
-    pub fn write<V: Value, const L: usize>(
-        &self,
-        (y, columns, searched): RowPart,
-        out: &mut Lines<V, L>,
-    ) {
+    pub fn write<V: Value, const L: usize>(&self, (y, columns, searched): RowPart, out: &mut Lines<V, L>) {
         let count = self.candidates;
         let costs = self.costs.row(y)[columns.start * count..].chunks_exact(count);
         for (place, costs) in costs.take(columns.len()).enumerate() {

@@ -60,9 +60,7 @@ impl Cost for Zncc {
         PixelBytes { described: 2 + 2 * 8, versions: 1, passing: 2 }
     }
 
-    fn new(
-        CostInput { views, candidates, settings, level, control, .. }: CostInput,
-    ) -> Result<Self> {
+    fn new(CostInput { views, candidates, settings, level, control, .. }: CostInput) -> Result<Self> {
         let side = settings.neighborhood;
         let [left, right] = level_planes(views, settings.intensity_range, control)?;
         let left = continued(&left, side / 2)?;
@@ -77,11 +75,7 @@ impl Cost for Zncc {
 
     /// Products are summed down each column of the neighborhoods, and these sums along the row.
     #[inline(always)]
-    fn write<V: Value, const L: usize>(
-        &self,
-        (y, columns, searched): RowPart,
-        out: &mut Lines<V, L>,
-    ) {
+    fn write<V: Value, const L: usize>(&self, (y, columns, searched): RowPart, out: &mut Lines<V, L>) {
         let &Self { side, ref left, ref right, ref left_moments, ref right_moments } = self;
         let (row, radius, pixels) = (y + side / 2, side / 2, (side * side) as f64);
         let mut ring = [[0.0; L]; LARGEST_WINDOW];
@@ -132,9 +126,8 @@ impl Moments<Plane<f64>> {
 
         let values = |y: usize| plane.row(y).iter().map(|v| i64::from(*v)).map(|v| [v, v * v]);
         let sum = |_, _, [sum, _]: [i64; 2]| sum as f64;
-        let spread = |_, _, [sum, squares]: [i64; 2]| {
-            ((pixels * squares - sum * sum + one_gray_level) as f64).sqrt()
-        };
+        let spread =
+            |_, _, [sum, squares]: [i64; 2]| ((pixels * squares - sum * sum + one_gray_level) as f64).sqrt();
 
         Ok(Self {
             sums: Plane::by_bands(shape, BAND_ROWS, |first, band| {

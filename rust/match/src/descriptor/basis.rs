@@ -115,12 +115,10 @@ fn filter(taper: Taper, size: usize, scale: usize, f: usize) -> BasisFilter {
     let window: Vec<f64> = (0..=radius).map(|j| weight(taper, size, j)).collect();
     let angle = |j: usize| TAU * (f * j) as f64 / size as f64;
 
-    let both_sides =
-        |value: &dyn Fn(usize) -> f64| value(0) + 2.0 * (1..=radius).map(value).sum::<f64>();
+    let both_sides = |value: &dyn Fn(usize) -> f64| value(0) + 2.0 * (1..=radius).map(value).sum::<f64>();
     let kappa = both_sides(&|j| window[j] * math::cos(angle(j))) / both_sides(&|j| window[j]);
 
-    let real =
-        |j: usize| scale * window[j] * if f == 0 { 1.0 } else { math::cos(angle(j)) - kappa };
+    let real = |j: usize| scale * window[j] * if f == 0 { 1.0 } else { math::cos(angle(j)) - kappa };
     let exact: Vec<f64> = (0..=radius).map(real).collect();
     let imaginary = |j: usize| -(scale * window[j] * math::sin(angle(j))).round() as i32;
 
@@ -184,14 +182,8 @@ mod tests {
         all.map(|(taper, (neighborhood, sizes))| {
             let highest = 4.min((neighborhood - 1) / 2);
             let frequencies = (highest, highest);
-            let settings = Settings {
-                taper,
-                neighborhood,
-                frequencies,
-                bits: 1,
-                sizes,
-                ..Preset::Paper.settings()
-            };
+            let settings =
+                Settings { taper, neighborhood, frequencies, bits: 1, sizes, ..Preset::Paper.settings() };
 
             (taper, neighborhood, sizes == 2, Basis::new(&settings))
         })
@@ -216,9 +208,7 @@ mod tests {
 
             for (f, filter) in basis.filters.iter().enumerate().skip(1) {
                 let angle = |j: isize| TAU * f as f64 * j as f64 / size as f64;
-                let kappa =
-                    (-radius..=radius).map(|j| weight(j) * math::cos(angle(j))).sum::<f64>()
-                        / total;
+                let kappa = (-radius..=radius).map(|j| weight(j) * math::cos(angle(j))).sum::<f64>() / total;
 
                 for (j, (even, odd)) in (0..).zip(filter.even.iter().zip(&filter.odd)) {
                     let scale = amplitude(size, is_coarse) as f64 * weight(j);
@@ -245,8 +235,7 @@ mod tests {
     #[test]
     fn components_follow_the_paper() {
         let order = |frequencies| -> Vec<_> {
-            let basis =
-                Basis::new(&Settings { frequencies, neighborhood: 9, ..Preset::Paper.settings() });
+            let basis = Basis::new(&Settings { frequencies, neighborhood: 9, ..Preset::Paper.settings() });
             basis.components().iter().map(|c| (c.u, c.v)).collect()
         };
 

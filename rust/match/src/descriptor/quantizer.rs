@@ -112,8 +112,7 @@ impl Quantizer {
         } else {
             for i in 0..n {
                 let parts = squared(re[i].into(), im[i].into());
-                words[i] = words[i]
-                    | three_levels::<f64, T::Word>(parts, [-threshold, threshold]) << shift;
+                words[i] = words[i] | three_levels::<f64, T::Word>(parts, [-threshold, threshold]) << shift;
             }
         }
     }
@@ -192,11 +191,7 @@ impl<T: Lane> PhasePosition<T> {
     /// The code of the phase with `B` boundaries inside each quadrant: those whose bounds the `measure` of
     /// the coordinates reaches. Each bit stands for one of the half planes that the boundaries open.
     #[inline(always)]
-    fn halves<M: PartialOrd, const B: usize>(
-        self,
-        measure: impl Fn(T, T) -> M,
-        bounds: [M; B],
-    ) -> T::Word {
+    fn halves<M: PartialOrd, const B: usize>(self, measure: impl Fn(T, T) -> M, bounds: [M; B]) -> T::Word {
         let even = self.in_even_quadrant();
         let below = self.below;
         let measured = measure(self.turned.0, self.turned.1);
@@ -213,11 +208,7 @@ impl<T: Lane> PhasePosition<T> {
 
     /// As [`Self::halves`], of twice the phase: two quadrants are once around the circle.
     #[inline(always)]
-    fn doubled<M: PartialOrd, const B: usize>(
-        self,
-        measure: impl Fn(T, T) -> M,
-        bounds: [M; B],
-    ) -> T::Word {
+    fn doubled<M: PartialOrd, const B: usize>(self, measure: impl Fn(T, T) -> M, bounds: [M; B]) -> T::Word {
         let even = self.in_even_quadrant();
         let measured = measure(self.turned.0, self.turned.1);
 

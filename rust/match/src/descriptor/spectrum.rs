@@ -41,9 +41,7 @@ macro_rules! word {
 word!(u32, u64);
 
 /// A number in which sums are exact, if [`Basis::gain`] times the largest pixel fits in it.
-pub trait Lane:
-    Copy + Default + PartialOrd + From<i32> + Into<f64> + Send + Sync + 'static
-{
+pub trait Lane: Copy + Default + PartialOrd + From<i32> + Into<f64> + Send + Sync + 'static {
     /// Bits, as wide as the number, so that comparisons need no repacking.
     type Word: Word;
     /// The sum.
@@ -347,9 +345,7 @@ fn sweep<P: Lane, T: Lane + From<P>, const K: usize>(
         (1, false) => add_even(even, data, pairs, evens, |_, value| center(value)),
         (_, false) => add_even(even, data, pairs, evens, |sum, _| sum),
         (1, true) => {
-            add_both(even, odd, data, pairs, (evens, odds), |_, value| {
-                (center(value), T::default())
-            });
+            add_both(even, odd, data, pairs, (evens, odds), |_, value| (center(value), T::default()));
         }
         (_, true) => add_both(even, odd, data, pairs, (evens, odds), |sums, _| sums),
     }

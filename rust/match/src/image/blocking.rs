@@ -105,8 +105,7 @@ impl Extra {
             }
 
             let sums = self.sums[axis].iter().zip(&self.counts[axis]);
-            let mut means: Vec<f64> =
-                sums.map(|(sum, count)| *sum as f64 / *count as f64).collect();
+            let mut means: Vec<f64> = sums.map(|(sum, count)| *sum as f64 / *count as f64).collect();
 
             means.sort_unstable_by(f64::total_cmp);
             means[SIDE - 1] - means[SIDE - 2]

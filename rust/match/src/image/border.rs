@@ -25,9 +25,7 @@ use std::ops::Range;
 
 use crate::base::error::Result;
 use crate::base::plane::{Plane, reserve, zeroed};
-use crate::choices::{
-    LEAST_BORDER, LEAST_BORDERED, RAGGED_BORDER, RIM, RIM_LEVELS, SHORTEST_BORDER,
-};
+use crate::choices::{LEAST_BORDER, LEAST_BORDERED, RAGGED_BORDER, RIM, RIM_LEVELS, SHORTEST_BORDER};
 use crate::image::masking::Mask;
 use crate::image::pixels::{Image, Input};
 
@@ -91,12 +89,8 @@ impl BorderRuns {
 impl BorderScan {
     /// The scan of an image of this size.
     pub fn new((rows, cols): (usize, usize)) -> Result<Self> {
-        let sides = [
-            BorderRuns::new(cols)?,
-            BorderRuns::new(cols)?,
-            BorderRuns::new(rows)?,
-            BorderRuns::new(rows)?,
-        ];
+        let sides =
+            [BorderRuns::new(cols)?, BorderRuns::new(cols)?, BorderRuns::new(rows)?, BorderRuns::new(rows)?];
         Ok(Self { size: (rows, cols), sides, rows: 0 })
     }
 
@@ -118,8 +112,7 @@ impl BorderScan {
                     || bottom.values[x].is_none()
                     || here.values[0].is_none());
             bottom.lengths[x] = here.lengths[0] + if goes_on { bottom.lengths[x] } else { 0 };
-            bottom.values[x] =
-                if goes_on { here.values[0].or(bottom.values[x]) } else { here.values[0] };
+            bottom.values[x] = if goes_on { here.values[0].or(bottom.values[x]) } else { here.values[0] };
         }
 
         for y in 0..rows {
@@ -161,8 +154,7 @@ impl Candidate {
         let Image::U8(_) = &input.image else { return };
         let Border { size, value, runs } = &self.border;
         let is_rim = |y: usize, x: usize| {
-            let is_near =
-                |own: ExactPixel| [0, 1, 2].iter().all(|c| own[*c] - value[*c] <= RIM_LEVELS);
+            let is_near = |own: ExactPixel| [0, 1, 2].iter().all(|c| own[*c] - value[*c] <= RIM_LEVELS);
             pixel(input, y, x).is_none_or(is_near)
         };
 
@@ -233,8 +225,7 @@ impl Border {
     fn count(&self, input: &Input, first: usize) -> Option<usize> {
         let (rows, cols) = input.size();
         // No integer is less than 0.
-        let is_least =
-            matches!(input.image, Image::U8(_) | Image::U16(_)) && is_same(self.value, [0.0; 3]);
+        let is_least = matches!(input.image, Image::U8(_) | Image::U16(_)) && is_same(self.value, [0.0; 3]);
         let is_darker = |y: usize, x: usize| {
             let found = pixel(input, y, x);
             found.is_some_and(|own| own.iter().zip(self.value).any(|(own, least)| *own < least))
@@ -448,12 +439,9 @@ mod tests {
             }
 
             // What comes in parts is the same.
-            let bands: Vec<_> =
-                (0..SIZE.0).step_by(7).map(|first| first..(first + 7).min(SIZE.0)).collect();
+            let bands: Vec<_> = (0..SIZE.0).step_by(7).map(|first| first..(first + 7).min(SIZE.0)).collect();
             let Image::U8(pixels) = &view.image else { unreachable!("bytes") };
-            let part = |rows: Range<usize>| {
-                Input::from(Image::U8(pixels.slice(s![rows, .., ..]).to_owned()))
-            };
+            let part = |rows: Range<usize>| Input::from(Image::U8(pixels.slice(s![rows, .., ..]).to_owned()));
             let found = of_rows(SIZE, &bands, |rows| Ok([part(rows.clone()), part(rows)]));
             for (border, of_parts) in found.expect("memory").into_iter().flatten() {
                 assert_eq!(Some(border.mask(&view, 0).expect("memory")), masked.mask, "{at}");

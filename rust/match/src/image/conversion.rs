@@ -30,8 +30,7 @@ use crate::image::view::View;
 /// of white.
 const BYTE_STEPS: [f64; 5] = [1.0, 257.0, 256.0, 1.0 / 255.0, 1.0 / 256.0];
 /// White of words that are stored as fractions of it: the largest value of this many bits, or one more.
-const WHITES: [f64; 9] =
-    [1023.0, 4095.0, 16383.0, 65535.0, 256.0, 1024.0, 4096.0, 16384.0, 65536.0];
+const WHITES: [f64; 9] = [1023.0, 4095.0, 16383.0, 65535.0, 256.0, 1024.0, 4096.0, 16384.0, 65536.0];
 /// Most values that differ of which a step is looked for: bytes that were scaled in two ways have twice 256.
 const MOST_VALUES: usize = 512;
 /// Largest difference between a value and a multiple of the step, as a share of it: some roundings of single
@@ -180,13 +179,9 @@ impl Scan {
         };
 
         match inputs[0].image {
-            Image::U8(_) => Self {
-                values: None,
-                divisor: None,
-                whites: vec![],
-                types: Types::Bytes,
-                ..undecided
-            },
+            Image::U8(_) => {
+                Self { values: None, divisor: None, whites: vec![], types: Types::Bytes, ..undecided }
+            }
             Image::U16(_) => Self { whites: vec![], types: Types::Words, ..undecided },
             Image::F32(_) | Image::F64(_) => undecided,
         }
@@ -252,8 +247,7 @@ impl Scan {
     }
 
     fn are_integers_decided(&self) -> bool {
-        let is_divided =
-            self.divisor.is_none() || (self.types == Types::Words && self.divisor == Some(1));
+        let is_divided = self.divisor.is_none() || (self.types == Types::Words && self.divisor == Some(1));
         self.values.is_none() && is_divided && self.whites.is_empty()
     }
 
@@ -314,9 +308,8 @@ impl PixelValues {
 
     /// The step by which all values are bytes: a usual one, or the least difference of two values.
     fn step(&self) -> Option<f64> {
-        let are_bytes = |step: &f64| {
-            self.sorted.iter().all(|value| is_near_integer(value / step, f64::from(u8::MAX)))
-        };
+        let are_bytes =
+            |step: &f64| self.sorted.iter().all(|value| is_near_integer(value / step, f64::from(u8::MAX)));
         let usual = BYTE_STEPS.into_iter().find(are_bytes);
         usual.or_else(|| self.least_step().filter(are_bytes))
     }
@@ -462,11 +455,7 @@ mod tests {
 
             for step in [1u16, 2, 3, 16, 100, 256, 257] {
                 let words = |bytes: &Array3<u8>| bytes.mapv(|byte| step * u16::from(byte));
-                check(
-                    bytes.each_ref().map(|bytes| Image::U16(words(bytes))),
-                    &expected,
-                    step.into(),
-                );
+                check(bytes.each_ref().map(|bytes| Image::U16(words(bytes))), &expected, step.into());
             }
 
             for step in [1.0, 0.1, 1.0 / 255.0, 1.0 / 256.0, 257.0, 3.7e-12, 1e20] {
@@ -491,8 +480,7 @@ mod tests {
 
     #[test]
     fn integers_beyond_bytes_are_words_and_fractions_of_white_too() {
-        let words =
-            Array3::from_shape_fn((9, 120, 1), |(y, x, _)| (37 * (y * 120 + x) % 4096) as u16);
+        let words = Array3::from_shape_fn((9, 120, 1), |(y, x, _)| (37 * (y * 120 + x) % 4096) as u16);
         let expected = [Image::U16(words.clone()), Image::U16(words.clone())];
         let [found, _] = views(expected.clone());
         assert_eq!(found.scale().ends(), [-32768, 32767]);
@@ -508,10 +496,8 @@ mod tests {
 
     #[test]
     fn what_is_no_integer_of_one_step_is_cut_into_steps_of_its_range() {
-        let roots =
-            Image::F64(Array3::from_shape_fn((9, 90, 1), |(y, x, _)| (x as f64).sqrt() + y as f64));
-        let negative =
-            Image::F32(Array3::from_shape_fn((9, 90, 1), |(y, x, _)| x as f32 - y as f32));
+        let roots = Image::F64(Array3::from_shape_fn((9, 90, 1), |(y, x, _)| (x as f64).sqrt() + y as f64));
+        let negative = Image::F32(Array3::from_shape_fn((9, 90, 1), |(y, x, _)| x as f32 - y as f32));
         let bytes = Image::F32(Array3::from_shape_fn((9, 90, 1), |(_, x, _)| x as f32));
 
         for image in [roots, negative.clone()] {

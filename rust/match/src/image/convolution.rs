@@ -106,12 +106,7 @@ impl Kernel {
 impl Gray<'_> {
     /// The same image under a kernel, in the finest steps that there is room for. Masked pixels have the
     /// values of valid neighbors by now, so they spread nothing of their own.
-    pub fn convolved(
-        &self,
-        kernel: &Kernel,
-        level: Level,
-        control: &Control,
-    ) -> Result<Gray<'static>> {
+    pub fn convolved(&self, kernel: &Kernel, level: Level, control: &Control) -> Result<Gray<'static>> {
         let fits = |bits: &u32| self.reach() << bits <= LARGEST_REACH;
         let bits = (0..=FINER_LOG2).rev().find(fits).unwrap_or(0);
 

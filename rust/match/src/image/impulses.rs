@@ -31,12 +31,7 @@ const DOUBTLESS_SPREADS: i32 = 3;
 const LEAST_SHARE: f64 = 4e-5;
 
 /// Gray values without impulses of this height, in steps, and above.
-pub fn repaired(
-    plane: &Plane<i32>,
-    height: i32,
-    level: Level,
-    control: &Control,
-) -> Result<Plane<i32>> {
+pub fn repaired(plane: &Plane<i32>, height: i32, level: Level, control: &Control) -> Result<Plane<i32>> {
     let (rows, cols) = (plane.rows(), plane.cols());
     Plane::by_bands((rows, cols), 1, |y, out| {
         control.checkpoint()?;

@@ -174,11 +174,7 @@ impl Input {
         Ok(Self { image, mask, unit: self.unit })
     }
 
-    fn resampled_type<T: Channel>(
-        &self,
-        pixels: &Array3<T>,
-        by: &impl Resampler,
-    ) -> Result<Array3<T>> {
+    fn resampled_type<T: Channel>(&self, pixels: &Array3<T>, by: &impl Resampler) -> Result<Array3<T>> {
         let shape @ (_, _, channels) = pixels.dim();
         let pixels = pixels.as_standard_layout();
         let values = pixels.as_slice().unwrap_or_default();

@@ -33,8 +33,7 @@ pub fn weights() -> &'static [[i32; TAPS]; STEPS as usize] {
     WEIGHTS.get_or_init(|| {
         std::array::from_fn(|step| {
             let share = step as f64 / f64::from(STEPS);
-            let exact: [f64; TAPS] =
-                std::array::from_fn(|tap| lanczos(tap as f64 - CENTER as f64 - share));
+            let exact: [f64; TAPS] = std::array::from_fn(|tap| lanczos(tap as f64 - CENTER as f64 - share));
             let mut weights = [0; TAPS];
             let nearest = if 2 * step <= STEPS as usize { CENTER } else { CENTER + 1 } as usize;
             quantize(&exact, nearest, &mut weights);
@@ -79,8 +78,7 @@ impl LanczosTaps {
         let first = (place - REACH * s).ceil();
         let count = ((place + REACH * s).floor() - first) as usize + 1;
 
-        let exact: Vec<f64> =
-            (0..count).map(|tap| lanczos((first + tap as f64 - place) / s)).collect();
+        let exact: Vec<f64> = (0..count).map(|tap| lanczos((first + tap as f64 - place) / s)).collect();
         let mut quantized = vec![0; count];
         quantize(&exact, (place.round() - first) as usize, &mut quantized);
         let unit = f64::from(1u32 << WEIGHT_BITS);

@@ -70,12 +70,7 @@ const SMOOTHED_BYTES: u32 = 128 << FINER_LOG2;
 impl Gray<'_> {
     /// The same image with less noise: [`smooth`] for noise of this standard deviation, in units of the
     /// pixels.
-    pub fn smoothed(
-        &self,
-        deviation: f64,
-        level: Level,
-        control: &Control,
-    ) -> Result<Gray<'static>> {
+    pub fn smoothed(&self, deviation: f64, level: Level, control: &Control) -> Result<Gray<'static>> {
         let fits = |bits: &u32| self.reach() << bits <= NARROW_REACH;
         let bits = (0..=FINER_LOG2).rev().find(fits).unwrap_or(0);
         // Bytes, with or without color, come out on the same scale.

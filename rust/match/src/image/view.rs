@@ -117,9 +117,7 @@ impl View {
     pub fn filled_along_columns(&self, reach: usize) -> Cow<'_, [i32]> {
         let gray = self.gray.as_slice();
         match &self.mask {
-            Some(mask) => {
-                Cow::Owned(filled_along_columns(gray, 1, mask, reach, self.scale.darkest()))
-            }
+            Some(mask) => Cow::Owned(filled_along_columns(gray, 1, mask, reach, self.scale.darkest())),
             None => Cow::Borrowed(gray),
         }
     }

@@ -224,8 +224,7 @@ mod tests {
             let mut sums = [0, 0];
             for v in y as isize - reach..=y as isize + reach {
                 for u in x as isize - reach..=x as isize + reach {
-                    let is_inside =
-                        (0..rows as isize).contains(&v) && (0..cols as isize).contains(&u);
+                    let is_inside = (0..rows as isize).contains(&v) && (0..cols as isize).contains(&u);
                     if is_inside || windows.beyond == Beyond::Reflection {
                         let one = value(reflect(v, rows), reflect(u, cols));
                         sums = [sums[0] + one[0], sums[1] + one[1]];

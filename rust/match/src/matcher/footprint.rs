@@ -14,11 +14,8 @@ use crate::pair::plan::{Bytes, Demand, Stage};
 use crate::refinement::Refinement;
 
 /// The stages whose memory exists at the same time, one phase of the match after another.
-const PHASES: [&[&dyn Stage]; 3] = [
-    &[&Images, &Description],
-    &[&Images, &Descriptions, &TextureAndEdges, &Search],
-    &[&Images, &Refinement],
-];
+const PHASES: [&[&dyn Stage]; 3] =
+    [&[&Images, &Description], &[&Images, &Descriptions, &TextureAndEdges, &Search], &[&Images, &Refinement]];
 
 /// An upper bound of the bytes that a match of `rows` takes, with the rows of its halo; `u64::MAX` where
 /// these are more.
@@ -27,9 +24,8 @@ pub fn bytes(demand: &Demand, rows: usize) -> u64 {
     let read = rows + 2 * (halo.rows() + halo.masked);
     let mapped = rows + 2 * halo.map;
 
-    let phases = PHASES.map(|stages| {
-        stages.iter().map(|stage| stage.bytes(demand)).fold(Bytes::default(), Bytes::and)
-    });
+    let phases = PHASES
+        .map(|stages| stages.iter().map(|stage| stage.bytes(demand)).fold(Bytes::default(), Bytes::and));
     // The phases follow one another, so the largest one counts. Threads keep their buffers.
     let pixels = phases.iter().map(|phase| times(read, phase.read) + times(mapped, phase.mapped));
     let thread = phases.iter().map(|phase| phase.thread).sum();

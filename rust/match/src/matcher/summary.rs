@@ -73,8 +73,7 @@ impl Summary {
             flagged: share(counts.flagged),
             at_low: share(counts.at_low),
             at_high: share(counts.at_high),
-            confidence: confidence
-                .map_or(f64::NAN, |_| share(counts.confidence) / f64::from(STEPS)),
+            confidence: confidence.map_or(f64::NAN, |_| share(counts.confidence) / f64::from(STEPS)),
             coarse: share(counts.coarse),
             inferred: share(counts.inferred),
             second: share(counts.second),
@@ -96,8 +95,7 @@ impl PixelCounts {
         let ends = [ends[0] + 0.5, ends[1] - 0.5];
         for (disparity, flags) in disparity.chunks(PART).zip(flags.chunks(PART)) {
             let part = count_part(level, disparity, flags, ends);
-            let [estimated, flagged, at_low, at_high, coarse, inferred, second] =
-                part.map(u64::from);
+            let [estimated, flagged, at_low, at_high, coarse, inferred, second] = part.map(u64::from);
             counts.estimated += estimated;
             counts.flagged += flagged;
             counts.at_low += at_low;

@@ -4,8 +4,7 @@ use crate::base::value::{LANES, Value};
 use crate::cost::aggregation::Window;
 use crate::cost::{ceiling_of, steps_of};
 use crate::optimization::{
-    BAND, LOOKAHEAD_COLUMNS, LOOKAHEAD_ROWS, ORDERED_ROWS, PANEL, Penalties, STRIDE, STRIP,
-    band_height,
+    BAND, LOOKAHEAD_COLUMNS, LOOKAHEAD_ROWS, ORDERED_ROWS, PANEL, Penalties, STRIDE, STRIP, band_height,
 };
 use crate::pair::plan::{Bytes, Demand, Plan, Stage};
 use crate::settings::{Optimizer, Settings};

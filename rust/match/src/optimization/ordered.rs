@@ -68,8 +68,8 @@ impl Ordered {
         let pass = Pass { block, costs, candidates, penalties };
         // A path that stays costs no more than all of its pixels, so no least total does, and none but by a
         // penalty.
-        let largest = (V::LARGEST_TOTAL.saturating_mul(cols as u64 + 1))
-            .saturating_add(2 * LARGEST_SUMMED_PENALTY);
+        let largest =
+            (V::LARGEST_TOTAL.saturating_mul(cols as u64 + 1)).saturating_add(2 * LARGEST_SUMMED_PENALTY);
         let last = if largest <= u32::MAX.into() {
             pass.forward(narrow, origins, level, control)?
         } else {
@@ -242,8 +242,7 @@ fn step<W: Total>(
     for row in 0..ROWS {
         let rose = smaller[row].plus(p1).min(stayed[row]);
         best[row] = rose.min(least[row].plus(p2));
-        let changes =
-            (u8::from(rose < stayed[row]) * ROSE) | (u8::from(best[row] < rose) * DROPPED);
+        let changes = (u8::from(rose < stayed[row]) * ROSE) | (u8::from(best[row] < rose) * DROPPED);
         origins[row] = changes | (u8::from(stayed[row] <= least[row]) * LEAST);
     }
 

@@ -22,10 +22,7 @@ pub struct PanelRanges {
 impl PanelRanges {
     /// The candidates that `searched` returns for the rows and columns of each panel of an image of this
     /// size.
-    pub fn new(
-        (rows, cols): (usize, usize),
-        searched: impl Fn([Range<usize>; 2]) -> Searched,
-    ) -> Self {
+    pub fn new((rows, cols): (usize, usize), searched: impl Fn([Range<usize>; 2]) -> Searched) -> Self {
         let bands = (0..rows).step_by(BAND).map(|y| y..(y + BAND).min(rows));
         let panel = |x: usize| x..(x + PANEL).min(cols);
         let of_band = |rows: Range<usize>| {

@@ -172,10 +172,8 @@ impl<T: Value> Paths<T> {
     ) {
         self.least[..paths].copy_from_slice(&least[first..][..paths]);
 
-        for (path, before) in halves(&mut self.totals, self.is_swapped)[0]
-            .chunks_exact_mut(span(runs))
-            .take(paths)
-            .enumerate()
+        for (path, before) in
+            halves(&mut self.totals, self.is_swapped)[0].chunks_exact_mut(span(runs)).take(paths).enumerate()
         {
             let totals = row_of(totals, first + path, most * LANES);
             before[LANES..][..runs * LANES].copy_from_slice(&totals[..runs * LANES]);
@@ -194,10 +192,8 @@ impl<T: Value> Paths<T> {
     ) {
         least[first..][..paths].copy_from_slice(&self.least[..paths]);
 
-        for (path, before) in halves(&mut self.totals, self.is_swapped)[0]
-            .chunks_exact(span(runs))
-            .take(paths)
-            .enumerate()
+        for (path, before) in
+            halves(&mut self.totals, self.is_swapped)[0].chunks_exact(span(runs)).take(paths).enumerate()
         {
             let totals = row_of_mut(totals, first + path, most * LANES);
             totals[..runs * LANES].copy_from_slice(&before[LANES..][..runs * LANES]);
@@ -659,8 +655,7 @@ impl<T: Value> VerticalPass<'_, T> {
 
         paths.restart(runs);
         for y in panel.seen.rows.start..panel.block.rows.start {
-            let penalties =
-                smoothness.after_jumps_from_above(&smoothness.edges.row(y)[columns.clone()]);
+            let penalties = smoothness.after_jumps_from_above(&smoothness.edges.row(y)[columns.clone()]);
             let costs = strip_rows(panel.costs, &panel.seen, (*strip, &(y..y + 1)), runs);
 
             let sinks = discards();
@@ -690,8 +685,7 @@ impl<T: Value> VerticalPass<'_, T> {
             least,
         });
 
-        let penalties =
-            smoothness.after_jumps_from_above(&smoothness.edges.row(y)[columns.clone()]);
+        let penalties = smoothness.after_jumps_from_above(&smoothness.edges.row(y)[columns.clone()]);
         paths.extend(penalties, costs, sinks, runs);
     }
 

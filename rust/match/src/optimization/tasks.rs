@@ -264,8 +264,7 @@ impl Row {
             row.best.push(totals[k.min(1)].into());
             let has_second = k >= 2 || k + 2 < candidates;
             row.second_best.push(if has_second { pixel[0] >> 16 } else { NONE });
-            let [below, at, above] =
-                [0, 1, 2].map(|i| subpixel::evidence(totals[i].into(), costs[i].into()));
+            let [below, at, above] = [0, 1, 2].map(|i| subpixel::evidence(totals[i].into(), costs[i].into()));
             let is_inside = k > 0 && k + 1 < candidates;
             row.offset.push(if is_inside { subpixel::offset(below, at, above) } else { 0.0 });
         }
@@ -275,9 +274,8 @@ impl Row {
 
 /// Some rows of each of some planes.
 fn of_rows(planes: &[&Plane<u8>], rows: &Range<usize>) -> Vec<u8> {
-    let part = |plane: &&Plane<u8>| {
-        plane.as_slice()[rows.start * plane.cols()..rows.end * plane.cols()].to_vec()
-    };
+    let part =
+        |plane: &&Plane<u8>| plane.as_slice()[rows.start * plane.cols()..rows.end * plane.cols()].to_vec();
     whole_words(planes.iter().flat_map(part).collect())
 }
 

@@ -114,8 +114,7 @@ impl Alignment {
         let y = (y + self.first as f64 + 0.5) / (rows as f64 / 2.0) - 1.0;
 
         // The terms as powers of x, with coefficients that are polynomials of y.
-        let [shift, slope_x, slope_y, twist, bend_x, bend_y, radial_y, radial_x] =
-            self.coefficients;
+        let [shift, slope_x, slope_y, twist, bend_x, bend_y, radial_y, radial_x] = self.coefficients;
         let powers = [
             shift + y * (slope_y + y * (bend_y + y * radial_y)) + sway,
             slope_x + y * (twist + y * radial_x),
@@ -221,9 +220,7 @@ mod tests {
         assert!((field.at(x, y) - exact).abs() < 1e-12);
 
         let field = field.with_sway(from_fn(|knot| [0.3, -0.9, 2.0][knot % 3])).expect("legal");
-        assert!(
-            (field.clone().starting_at_row(30).at(5.0, 7.0) - field.at(5.0, 37.0)).abs() < 1e-12
-        );
+        assert!((field.clone().starting_at_row(30).at(5.0, 7.0) - field.at(5.0, 37.0)).abs() < 1e-12);
     }
 
     #[test]
@@ -232,8 +229,7 @@ mod tests {
         let field = smooth.clone().with_sway(from_fn(|knot| 2.0 - knot as f64 % 5.0));
         let field = field.expect("legal");
 
-        let most =
-            (0..90).map(|y| field.at(99.0, f64::from(y))).fold(0.0f64, |a, b| a.max(b.abs()));
+        let most = (0..90).map(|y| field.at(99.0, f64::from(y))).fold(0.0f64, |a, b| a.max(b.abs()));
         assert!(most <= field.bound() && field.halo() >= smooth.halo() + 2);
         assert!(field.less(&field).rms() < 1e-12 && field.less(&smooth).rms() > 0.5);
         assert!(field.less(&smooth).largest_sway() <= 2.0);

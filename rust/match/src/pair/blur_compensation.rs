@@ -290,10 +290,7 @@ mod tests {
 
         let (left, of_left) = compensation.of_side(0, (3, 4)).expect("memory");
         assert_eq!(left, [Some(&kernel(1)), None]);
-        assert_eq!(
-            [0, 1, 2].map(|y| of_left.row(y).to_vec()),
-            [[0, 0, 1, 1], [0, 0, 1, 1], [0; 4]]
-        );
+        assert_eq!([0, 1, 2].map(|y| of_left.row(y).to_vec()), [[0, 0, 1, 1], [0, 0, 1, 1], [0; 4]]);
 
         let (right, of_right) = compensation.of_side(1, (3, 4)).expect("memory");
         assert_eq!(right, [Some(&kernel(3)), Some(&kernel(2)), None]);
@@ -303,13 +300,9 @@ mod tests {
     #[test]
     fn pixels_beyond_the_last_tile_are_of_its_class() {
         let kernels = vec![[None, None]; 3];
-        let compensation =
-            BlurCompensation::new([0.0; 2], kernels, labels(1, 2, &[1, 2]), 3).expect("legal");
+        let compensation = BlurCompensation::new([0.0; 2], kernels, labels(1, 2, &[1, 2]), 3).expect("legal");
 
-        assert_eq!(
-            [(0, 2), (9, 2), (0, 3), (9, 9)].map(|(y, x)| compensation.class(y, x)),
-            [1, 1, 2, 2]
-        );
+        assert_eq!([(0, 2), (9, 2), (0, 3), (9, 9)].map(|(y, x)| compensation.class(y, x)), [1, 1, 2, 2]);
 
         let (_, all) = compensation.of_side(0, (10, 10)).expect("memory");
         assert_eq!((all.row(9), all.rows.rows()), (&[0; 10][..], 1), "alike: one version");

@@ -17,8 +17,7 @@ impl Candidates {
     pub fn new(min: i64, count: i64, width: usize) -> Result<Self> {
         let most = width.min(MOST_DISPARITIES) as i64;
         if !(1..=most).contains(&count) {
-            let accepts =
-                format!("an integer from 1 to {most} (the width, at most {MOST_DISPARITIES})");
+            let accepts = format!("an integer from 1 to {most} (the width, at most {MOST_DISPARITIES})");
             return Err(Error::value("num_disparities", count, accepts));
         }
 
@@ -111,9 +110,7 @@ mod tests {
         let refused = |min, count| Candidates::new(min, count, 5).expect_err("refused").to_string();
 
         assert!(refused(0, 0).starts_with("num_disparities: got 0"));
-        assert!(
-            refused(0, 6).starts_with("num_disparities: got 6; accepts an integer from 1 to 5")
-        );
+        assert!(refused(0, 6).starts_with("num_disparities: got 6; accepts an integer from 1 to 5"));
         assert!(refused(5, 1).starts_with("min_disparity: got 5"));
         assert!(refused(-6, 2).starts_with("min_disparity: got -6"));
         assert!(refused(i64::MIN, 5).starts_with("min_disparity"));

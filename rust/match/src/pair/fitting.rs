@@ -293,9 +293,6 @@ mod tests {
     fn sizes_that_no_pair_has_are_refused() {
         let image = |rows| view(Image::U8(Array3::zeros((rows, 90, 1))));
         let refused = fitted(&image(90), image(11)).expect_err("too few rows").to_string();
-        assert!(
-            refused.starts_with("right: got 11 x 90 pixels; accepts up to 8 times"),
-            "{refused}"
-        );
+        assert!(refused.starts_with("right: got 11 x 90 pixels; accepts up to 8 times"), "{refused}");
     }
 }

@@ -29,8 +29,8 @@ use crate::base::math;
 use crate::base::plane::Plane;
 use crate::base::simd::{Level, leveled};
 use crate::choices::{
-    CERTAIN_BESIDE, CERTAIN_STEPS, CLEAR_STEPS, COLOR, COLORS, ELSEWHERE, EQUAL, FAINT,
-    LEAST_BORDERED, LEAST_STEPS, MOST_OVERLAID, OUTLINE, PAINTED, SHARP,
+    CERTAIN_BESIDE, CERTAIN_STEPS, CLEAR_STEPS, COLOR, COLORS, ELSEWHERE, EQUAL, FAINT, LEAST_BORDERED,
+    LEAST_STEPS, MOST_OVERLAID, OUTLINE, PAINTED, SHARP,
 };
 use crate::image::view::{Mask, View};
 use crate::pair::source::{Source, bands, widened};
@@ -104,8 +104,7 @@ impl Units {
     /// The units of two views, if those of both are the same: of floats, pixels of one value have several.
     fn of(views: [&View; 2]) -> Option<Self> {
         let [one, other] = views.map(View::scale);
-        let is_same =
-            one.step().is_some() && one.step() == other.step() && one.ends() == other.ends();
+        let is_same = one.step().is_some() && one.step() == other.step() && one.ends() == other.ends();
         let level = one.steps(one.level()).round() as i32;
         (is_same && level > 0).then_some(Self { level, least: one.ends()[0] })
     }
@@ -225,9 +224,8 @@ impl Counts {
                 }
             }
 
-            let of_area = |count: &dyn Fn(usize) -> u32| -> u32 {
-                area.iter().map(|(y, x)| count(y * cols + x)).sum()
-            };
+            let of_area =
+                |count: &dyn Fn(usize) -> u32| -> u32 { area.iter().map(|(y, x)| count(y * cols + x)).sum() };
             let overlay = rectangle(&area);
             let size = overlay.rows.len() * overlay.columns.len();
             let is_small = size as f64 <= MOST_OVERLAID * (rows * cols * CELL * CELL) as f64;
@@ -271,9 +269,7 @@ impl Part<'_> {
         for disparity in disparities(self.views[0].size().1).filter(|disparity| *disparity != 0) {
             let is_there = |(y, x): &(usize, usize)| {
                 let at = x.checked_add_signed(-disparity);
-                at.is_some_and(|at| {
-                    step_of(self.views, [*y; 2], [*x, at], self.units) == Step::Both
-                })
+                at.is_some_and(|at| step_of(self.views, [*y; 2], [*x, at], self.units) == Step::Both)
             };
             most = most.max(places.iter().filter(|place| is_there(place)).count() as u32);
         }
@@ -346,9 +342,7 @@ impl Part<'_> {
                 let at = first.saturating_add_signed(-disparity);
                 let right = &right.row(y)[at..at + last - first];
                 let is_around = &is_around.row(y)[first - columns.start..last - columns.start];
-                for ((left, right), is_around) in
-                    left.row(y)[first..last].iter().zip(right).zip(is_around)
-                {
+                for ((left, right), is_around) in left.row(y)[first..last].iter().zip(right).zip(is_around) {
                     let product = i32::from(left * right * i8::from(*is_around));
                     sum += product;
                     count += product.abs();
@@ -365,10 +359,7 @@ impl Part<'_> {
         let [own, steps] = steps.map(f64::from);
         let chance = f64::from(self.chance(area));
         let painted = PAINTED[usize::from(own < OUTLINE * steps)];
-        if steps < CLEAR_STEPS * chance
-            || !is_certain(steps, chance)
-            || self.painted(area) < painted
-        {
+        if steps < CLEAR_STEPS * chance || !is_certain(steps, chance) || self.painted(area) < painted {
             return false;
         }
         let [here, elsewhere] = self.beside(area, overlay);
@@ -449,10 +440,8 @@ fn disparities(cols: usize) -> impl Iterator<Item = isize> {
 /// The rectangle around the cells of an area.
 fn rectangle(area: &Area) -> Overlay {
     let around = |at: fn(&(usize, usize)) -> usize| {
-        let (first, last) = area
-            .iter()
-            .map(at)
-            .fold((usize::MAX, 0), |(first, last), at| (first.min(at), last.max(at)));
+        let (first, last) =
+            area.iter().map(at).fold((usize::MAX, 0), |(first, last), at| (first.min(at), last.max(at)));
         first * CELL..(last + 1) * CELL
     };
     Overlay { rows: around(|(y, _)| *y), columns: around(|(_, x)| *x) }
@@ -484,8 +473,7 @@ fn signs(view: &View, is_open: &Plane<bool>, level: i32) -> Plane<i8> {
             return 0;
         }
         let step = row[x + ACROSS] - row[x];
-        let is_step =
-            step.abs() >= FAINT * level && view.is_valid(y, x) && view.is_valid(y, x + ACROSS);
+        let is_step = step.abs() >= FAINT * level && view.is_valid(y, x) && view.is_valid(y, x + ACROSS);
         if is_step { step.signum() as i8 } else { 0 }
     })
 }
@@ -540,10 +528,7 @@ mod tests {
     fn is_ink(y: usize, x: usize) -> bool {
         let (Some(y), Some(x)) = (y.checked_sub(120), x.checked_sub(40)) else { return false };
         let (letter, column, row) = (x / 2 / 6, x / 2 % 6, y / 2);
-        letter < 12
-            && row < 7
-            && column < 5
-            && LETTERS[letter * 7 % 4][row] >> (4 - column) & 1 == 1
+        letter < 12 && row < 7 && column < 5 && LETTERS[letter * 7 % 4][row] >> (4 - column) & 1 == 1
     }
 
     /// A pair with a scene at this disparity, with noise, and what is drawn on both images.
@@ -566,10 +551,7 @@ mod tests {
             panic!("{:?}", pair.overlays());
         };
         assert!(rows.start <= 120 && (134..=144).contains(&rows.end), "{rows:?}");
-        assert!(
-            (24..=40).contains(&columns.start) && (182..=200).contains(&columns.end),
-            "{columns:?}"
-        );
+        assert!((24..=40).contains(&columns.start) && (182..=200).contains(&columns.end), "{columns:?}");
         for (y, x) in (0..SIZE.0).flat_map(|y| (0..SIZE.1).map(move |x| (y, x))) {
             let is_outside = !(rows.contains(&y) && columns.contains(&x));
             assert!(pair.views().iter().all(|view| view.is_valid(y, x) == is_outside));
@@ -619,9 +601,7 @@ mod tests {
             let part = pair.of_rows(rows.clone());
             parts.add(part.views(), rows.start, units);
         }
-        assert!(
-            slow.one.iter().any(|count| *count > 0) && slow.both.iter().any(|count| *count > 0)
-        );
+        assert!(slow.one.iter().any(|count| *count > 0) && slow.both.iter().any(|count| *count > 0));
         for other in [whole, parts] {
             assert_eq!((&slow.one, &slow.both), (&other.one, &other.both));
         }

@@ -101,12 +101,7 @@ pub fn conversions(
 }
 
 /// The roughness of the left image, whose impulses stand out by at least `impulses`; 0: it has none.
-pub fn roughness(
-    source: &dyn Source,
-    impulses: f64,
-    level: Level,
-    control: &Control,
-) -> Result<Roughness> {
+pub fn roughness(source: &dyn Source, impulses: f64, level: Level, control: &Control) -> Result<Roughness> {
     let (height, cols) = source.size();
     let mut roughness = Roughness::default();
 

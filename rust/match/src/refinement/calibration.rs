@@ -100,12 +100,7 @@ pub struct Tally {
 
 impl Tally {
     /// The sums over some pixels, whose disparities were searched among these candidates.
-    pub fn new(
-        confidence: &[f32],
-        disparity: &[f32],
-        flags: &[u16],
-        candidates: Candidates,
-    ) -> Self {
+    pub fn new(confidence: &[f32], disparity: &[f32], flags: &[u16], candidates: Candidates) -> Self {
         let [low, high] = [0, candidates.count() - 1].map(|k| candidates.disparity(k) as f32);
         // Sub-pixel disparities lie up to half a pixel from their candidate.
         let below = if low == 0.0 { f32::NEG_INFINITY } else { low + 0.5 };
@@ -146,13 +141,7 @@ impl Tally {
 
 /// Sums over at most [`PART`] pixels. `ends`: disparities below the first and above the second are at an end.
 #[leveled]
-fn tally_part(
-    level: Level,
-    confidence: &[f32],
-    disparity: &[f32],
-    flags: &[u16],
-    ends: [f32; 2],
-) -> Tally {
+fn tally_part(level: Level, confidence: &[f32], disparity: &[f32], flags: &[u16], ends: [f32; 2]) -> Tally {
     let [mut confidences, mut own, mut failed, mut at_ends] = [0u32; 4];
 
     for ((confidence, disparity), flags) in confidence.iter().zip(disparity).zip(flags) {
@@ -233,8 +222,7 @@ impl Faults {
 /// The traits of a pair.
 pub fn traits(tally: Tally, faults: Faults) -> [f64; TRAITS] {
     let share = |part: u64, whole: u64| part as f64 / whole.max(1) as f64;
-    let own =
-        odds((share(tally.confidence, tally.own) / f64::from(STEPS)).max(LEAST_MEAN_CONFIDENCE));
+    let own = odds((share(tally.confidence, tally.own) / f64::from(STEPS)).max(LEAST_MEAN_CONFIDENCE));
     let failed = odds(share(tally.failed, tally.pixels));
     let ends = ln(share(tally.ends, tally.pixels) + NONE_AT_ENDS);
 
@@ -258,8 +246,7 @@ impl ConfidenceCalibration {
             traits.iter().zip(&weights.odds).map(|(value, weights)| value * weights[which]).sum()
         };
         let [height, slope, filled_height, filled_slope] = [0, 1, 2, 3].map(sum);
-        let wider: f64 =
-            traits.iter().zip(&weights.bars).map(|(value, weight)| value * weight).sum();
+        let wider: f64 = traits.iter().zip(&weights.bars).map(|(value, weight)| value * weight).sum();
 
         let entry = |bin: usize, [height, slope]: [f64; 2], knots: &[f64; KNOTS]| {
             let z = height + slope * odds_of_bins()[bin];
@@ -268,9 +255,7 @@ impl ConfidenceCalibration {
         };
 
         let lines = [[height, slope], [height + filled_height, slope + filled_slope]];
-        let table = |which: usize| {
-            (0..BINS).map(move |bin| entry(bin, lines[which], &weights.knots[which]))
-        };
+        let table = |which: usize| (0..BINS).map(move |bin| entry(bin, lines[which], &weights.knots[which]));
         Self { tables: table(0).chain(table(1)).collect() }
     }
 
@@ -289,8 +274,7 @@ impl ConfidenceCalibration {
         let rows = rows.zip(bars.as_mut_slice().par_chunks_mut(cols)).enumerate();
         rows.for_each(|(y, (confidence, bars))| {
             let map = disparity.row(y).iter().zip(flags.row(y));
-            for ((confidence, bar), (disparity, flags)) in confidence.iter_mut().zip(bars).zip(map)
-            {
+            for ((confidence, bar), (disparity, flags)) in confidence.iter_mut().zip(bars).zip(map) {
                 let raw = if flags & flag::MISSING == 0 { *confidence } else { 0.0 };
                 let known = [raw, *disparity];
                 [*confidence, *bar] = self.of_pixel(known, flags & flag::FILLED != 0);

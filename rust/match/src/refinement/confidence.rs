@@ -28,16 +28,13 @@ use crate::base::control::Control;
 use crate::base::error::Result;
 use crate::base::plane::{Plane, zeroed};
 use crate::base::simd::{Level, leveled};
-use crate::choices::{
-    AGREEMENT, CONFIDENCE_RADIUS, CONFIDENCE_STEP, HALF_SUPPORT, HALF_VOTE, SIMILAR_GRAY,
-};
+use crate::choices::{AGREEMENT, CONFIDENCE_RADIUS, CONFIDENCE_STEP, HALF_SUPPORT, HALF_VOTE, SIMILAR_GRAY};
 use crate::image::texture::{Roughness, Texture};
 use crate::optimization::evidence::NONE;
 use crate::pair::plan::{Plan, Stage};
 use crate::refinement::window_rows::{BAND, WindowRows, missing_rows};
 
-const _: () =
-    assert!(CONFIDENCE_RADIUS.is_multiple_of(CONFIDENCE_STEP), "a pixel has a vote for itself");
+const _: () = assert!(CONFIDENCE_RADIUS.is_multiple_of(CONFIDENCE_STEP), "a pixel has a vote for itself");
 
 /// Rows within reach of one row, its own in the middle.
 const ROWS: usize = 2 * CONFIDENCE_RADIUS + 1;
@@ -77,8 +74,7 @@ impl CostMargin {
     #[inline(always)]
     pub fn is_ambiguous(self, percent: u64) -> bool {
         let best = u64::from(self.best);
-        self.second_best
-            .is_some_and(|second_best| u64::from(second_best) * (100 - percent) < best * 100)
+        self.second_best.is_some_and(|second_best| u64::from(second_best) * (100 - percent) < best * 100)
     }
 }
 
@@ -151,8 +147,7 @@ impl VotedRows {
         let [disparity, votes, gray] =
             [&mut self.disparity, &mut self.votes, &mut self.gray].map(|rows| rows.row_mut(number));
 
-        let Some(y) = number.checked_sub(CONFIDENCE_RADIUS).filter(|y| *y < map.disparity.rows())
-        else {
+        let Some(y) = number.checked_sub(CONFIDENCE_RADIUS).filter(|y| *y < map.disparity.rows()) else {
             disparity.fill(f32::NAN);
             gray.fill(UNLIKE);
             return;
@@ -168,8 +163,8 @@ impl VotedRows {
     /// The row of this number, from `before` columns before its first one on.
     #[inline(always)]
     fn row(&self, number: usize, before: usize, count: usize) -> VotedPixels<'_> {
-        let [disparity, votes, gray] = [&self.disparity, &self.votes, &self.gray]
-            .map(|rows| &rows.row(number, before)[..count]);
+        let [disparity, votes, gray] =
+            [&self.disparity, &self.votes, &self.gray].map(|rows| &rows.row(number, before)[..count]);
         VotedPixels { disparity, votes, gray }
     }
 }
@@ -253,8 +248,7 @@ fn add_pairs<const FIRST: usize>(
         let (disparity, gray) = (here.disparity[x], here.gray[x]);
 
         for column in FIRST..SIDE {
-            let (right, left) =
-                (x + column * CONFIDENCE_STEP, x + (SIDE - 1 - column) * CONFIDENCE_STEP);
+            let (right, left) = (x + column * CONFIDENCE_STEP, x + (SIDE - 1 - column) * CONFIDENCE_STEP);
 
             let (a, b) = (ahead.gray[right] - gray, behind.gray[left] - gray);
             let (a, b) = (1.0 + a * a, 1.0 + b * b);

@@ -44,9 +44,8 @@ pub fn fill(
 ) -> Result<()> {
     let (rows, cols) = (disparity.rows(), disparity.cols());
 
-    let is_seeded = |y: usize| {
-        disparity.row(y).iter().zip(flags.row(y)).any(|(value, flags)| is_trusted(*value, *flags))
-    };
+    let is_seeded =
+        |y: usize| disparity.row(y).iter().zip(flags.row(y)).any(|(value, flags)| is_trusted(*value, *flags));
     let seeded: Vec<bool> = (0..rows).map(is_seeded).collect();
 
     // Rows without a trusted pixel go first, while the rows that they copy are still unfilled.
@@ -67,8 +66,7 @@ pub fn fill(
     }
 
     let bands = disparity.as_mut_slice().par_chunks_mut(BAND * cols);
-    let bands =
-        bands.zip(flags.as_mut_slice().par_chunks_mut(BAND * cols)).zip(seeded.par_chunks(BAND));
+    let bands = bands.zip(flags.as_mut_slice().par_chunks_mut(BAND * cols)).zip(seeded.par_chunks(BAND));
     bands.try_for_each(|((disparity, flags), seeded)| {
         control.checkpoint()?;
         let mut spread = Spread::default();

@@ -143,9 +143,8 @@ impl<const SIDE: usize, const STRIDE: usize, const NEAR: usize> JumpWindows<SIDE
         let (rows, cols) = (disparity.rows(), disparity.cols());
         let scale = self.scale(texture.roughness);
         let center = SIDE / 2;
-        let nearness = from_fn(|row| {
-            from_fn(|column| (self.nearness)(row.abs_diff(center), column.abs_diff(center)))
-        });
+        let nearness =
+            from_fn(|row| from_fn(|column| (self.nearness)(row.abs_diff(center), column.abs_diff(center))));
 
         filtered.write_bands(BAND, |first, out| {
             control.checkpoint()?;
@@ -202,14 +201,7 @@ impl<const SIDE: usize, const STRIDE: usize, const NEAR: usize> JumpWindows<SIDE
 
 /// Converts gray values and disparities of a row to steps. Pixels without a disparity do not count.
 #[leveled]
-fn quantize(
-    level: Level,
-    disparity: &[f32],
-    gray: &[i32],
-    scale: f32,
-    grays: &mut [i16],
-    steps: &mut [i32],
-) {
+fn quantize(level: Level, disparity: &[f32], gray: &[i32], scale: f32, grays: &mut [i16], steps: &mut [i32]) {
     let n = grays.len();
     let (disparity, gray) = (&disparity[..n], &gray[..n]);
     let (grays, steps) = (&mut grays[..n], &mut steps[..n]);
@@ -242,9 +234,7 @@ struct Filter<'a, const SIDE: usize, const STRIDE: usize, const NEAR: usize> {
     out: &'a mut [f32],
 }
 
-impl<const SIDE: usize, const STRIDE: usize, const NEAR: usize> Loop
-    for Filter<'_, SIDE, STRIDE, NEAR>
-{
+impl<const SIDE: usize, const STRIDE: usize, const NEAR: usize> Loop for Filter<'_, SIDE, STRIDE, NEAR> {
     type Output = ();
 
     #[inline(always)]
@@ -369,11 +359,7 @@ fn median(values: &[PixelLanes<i16>], weights: &[PixelLanes<u16>]) -> PixelLanes
 
 /// Widens the range to values that have any weight, by masks as in [`add_where`].
 #[inline(always)]
-fn widen(
-    values: &PixelLanes<i16>,
-    weights: &PixelLanes<u16>,
-    [low, high]: [&mut PixelLanes<i16>; 2],
-) {
+fn widen(values: &PixelLanes<i16>, weights: &PixelLanes<u16>, [low, high]: [&mut PixelLanes<i16>; 2]) {
     for j in 0..LANES {
         let mask = i16::from(weights[j] != 0).wrapping_neg();
         let value = values[j] & mask;

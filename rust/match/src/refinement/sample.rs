@@ -18,9 +18,7 @@ use crate::base::simd::Level;
 use crate::choices::{CONFIDENCE_RADIUS, SAMPLE_PERIOD};
 use crate::image::texture::Texture;
 use crate::pair::candidates::Candidates;
-use crate::refinement::calibration::{
-    ConfidenceCalibration, Faults, STEPS, Tally, Weights, traits,
-};
+use crate::refinement::calibration::{ConfidenceCalibration, Faults, STEPS, Tally, Weights, traits};
 use crate::refinement::confidence::VotedMap;
 use crate::settings::Optimizer;
 
@@ -70,8 +68,7 @@ impl SampledMap<'_> {
             sampled.push((confidence, disparity, flags));
         }
 
-        let calibration =
-            ConfidenceCalibration::new(&traits(tally, faults), Weights::of(optimizer));
+        let calibration = ConfidenceCalibration::new(&traits(tally, faults), Weights::of(optimizer));
         let (mut right, mut count) = (0u64, 0u64);
         for (mut confidence, disparity, flags) in sampled {
             calibration.apply(&mut confidence, &disparity, &flags)?;
@@ -89,12 +86,10 @@ impl SampledMap<'_> {
         let cols = self.disparity.cols();
         let rows = 2 * CONFIDENCE_RADIUS + 1;
         let places = (y - CONFIDENCE_RADIUS) * cols..(y - CONFIDENCE_RADIUS + rows) * cols;
-        let around = |plane: &Plane<f32>| {
-            Plane::from_vec(rows, cols, plane.as_slice()[places.clone()].to_vec())
-        };
+        let around =
+            |plane: &Plane<f32>| Plane::from_vec(rows, cols, plane.as_slice()[places.clone()].to_vec());
 
-        let gray =
-            Plane::from_vec(rows, cols, self.texture.gray.as_slice()[places.clone()].to_vec())?;
+        let gray = Plane::from_vec(rows, cols, self.texture.gray.as_slice()[places.clone()].to_vec())?;
         let texture = Texture { gray: Cow::Owned(gray), roughness: self.texture.roughness };
         let (disparity, votes) = (around(self.disparity)?, around(self.votes)?);
 

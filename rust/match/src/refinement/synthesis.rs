@@ -75,9 +75,8 @@ pub fn softness(kernels: &[Option<Blur>; 2]) -> Option<(usize, &Blur)> {
 
 /// Whether the settings ask for synthesis, and any area of the pair needs it.
 pub fn is_asked_for(settings: &Settings, compensation: Option<&BlurCompensation>) -> bool {
-    let is_soft = |compensation: &BlurCompensation| {
-        compensation.classes().any(|kernels| softness(kernels).is_some())
-    };
+    let is_soft =
+        |compensation: &BlurCompensation| compensation.classes().any(|kernels| softness(kernels).is_some());
 
     settings.synthesis && settings.compares_codes() && compensation.is_some_and(is_soft)
 }
@@ -96,10 +95,7 @@ impl Stage for Synthesis {
         asked.map_or(0, |compensation| SYNTHESIS_RADIUS + around(settings, compensation)[0])
     }
 
-    fn bytes(
-        &self,
-        Demand { plan: Plan { settings, compensation, .. }, cols, .. }: &Demand,
-    ) -> Bytes {
+    fn bytes(&self, Demand { plan: Plan { settings, compensation, .. }, cols, .. }: &Demand) -> Bytes {
         let asked = compensation.filter(|_| is_asked_for(settings, *compensation));
         asked.map_or(Bytes::default(), |compensation| {
             let [above, beside] = around(settings, compensation);
@@ -134,8 +130,7 @@ impl<'a> BlurredPair<'a> {
             return Ok(None);
         };
 
-        let scale =
-            |side| blur_compensation::gray(views[side], Some(compensation), side, level, control);
+        let scale = |side| blur_compensation::gray(views[side], Some(compensation), side, level, control);
         let scales = [scale(0)?, scale(1)?];
 
         let grays = scales.each_ref().map(|gray| gray.plane().copy_of_rows(rows.clone()));
@@ -314,8 +309,7 @@ fn rivals(disparity: &Plane<f32>, rows: &Range<usize>, level: Level) -> Result<[
     for (row, y) in rows.clone().enumerate() {
         own.row_mut(row).copy_from_slice(disparity.row(y));
 
-        let around =
-            from_fn(|k| disparity.row_or_nothing((y + k) as isize - SYNTHESIS_RADIUS as isize));
+        let around = from_fn(|k| disparity.row_or_nothing((y + k) as isize - SYNTHESIS_RADIUS as isize));
         let [least, largest] = &mut columns;
         column_extremes(level, around, least, largest);
 

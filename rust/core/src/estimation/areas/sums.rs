@@ -77,14 +77,7 @@ impl Guess<'_> {
     /// Writes the bits in which the codes of a row differ from those so far off the guessed disparities.
     /// Where there is no disparity, the last one to the left counts, or else the middle of the run.
     #[inline(always)]
-    fn differences(
-        &self,
-        [left, right]: [&Plane<u8>; 2],
-        run: Span,
-        off: i32,
-        y: usize,
-        line: &mut [u8],
-    ) {
+    fn differences(&self, [left, right]: [&Plane<u8>; 2], run: Span, off: i32, y: usize, line: &mut [u8]) {
         let share = self.finer as f32 / self.by as f32;
         // The others may lack what is left of a division.
         let last = (self.disparity.rows() - 1, self.disparity.cols() - 1);
@@ -116,11 +109,7 @@ pub struct BlockWindows<'a> {
 
 /// Calls `each(row, column, sums of all candidates)` for every pixel of the windows.
 #[leveled]
-pub fn visit<F: FnMut(usize, usize, &[Lanes<u8>])>(
-    level: Level,
-    windows: BlockWindows<'_>,
-    each: F,
-) {
+pub fn visit<F: FnMut(usize, usize, &[Lanes<u8>])>(level: Level, windows: BlockWindows<'_>, each: F) {
     let mut each = each;
     let BlockWindows { costs, rows, cols, top, count, columns, around } = windows;
     let runs = costs.runs();
@@ -196,9 +185,7 @@ pub fn vote(
         let is_one = |x: usize| is_asked.get(x / by).is_some_and(|is_one| *is_one);
         if columns.clone().any(is_one) {
             costs.write(y, columns.clone(), &mut line);
-            for (line, _) in
-                line.chunks_exact(runs).zip(columns.clone()).filter(|(_, x)| is_one(*x))
-            {
+            for (line, _) in line.chunks_exact(runs).zip(columns.clone()).filter(|(_, x)| is_one(*x)) {
                 add(&mut sums, line, u8::saturating_add);
             }
         }
@@ -234,8 +221,7 @@ pub struct Borders {
 impl Borders {
     pub fn new(costs: &ByteDistances, cols: usize, along: Range<usize>) -> Self {
         let (candidates, lanes) = (costs.candidates(), costs.runs() * LANES);
-        let is_within =
-            |place: usize| (0..cols as isize).contains(&(place as isize + candidates.min()));
+        let is_within = |place: usize| (0..cols as isize).contains(&(place as isize + candidates.min()));
         let byte = |is_none: bool| if is_none { u8::MAX } else { 0 };
 
         let beyond = (0..cols + lanes).map(|place| byte(!is_within(place))).collect();
@@ -316,9 +302,8 @@ pub fn choose(
     }
 
     // x - d is a column from 0 on, and before the last.
-    let index = |disparity: isize| {
-        (disparity - candidates.min()).clamp(0, candidates.count() as isize) as usize
-    };
+    let index =
+        |disparity: isize| (disparity - candidates.min()).clamp(0, candidates.count() as isize) as usize;
     let (start, end) = (index(x as isize + 1 - cols as isize), index(x as isize + 1));
     let sums = &sums.as_flattened()[start..end];
     let least = sums.iter().enumerate().min_by_key(|(_, sum)| **sum);

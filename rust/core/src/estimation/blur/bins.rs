@@ -106,8 +106,7 @@ impl Bins {
     /// The mean of the powers in every bin, from powers at `kx * SIDE / 2 + ky`; 1 in empty bins, whose
     /// logarithm is finite.
     pub fn pooled(&self, powers: &[f32]) -> Vec<f32> {
-        let of_bin =
-            |members: &Vec<u16>| if members.is_empty() { 1.0 } else { mean(powers, members) };
+        let of_bin = |members: &Vec<u16>| if members.is_empty() { 1.0 } else { mean(powers, members) };
 
         self.members.iter().map(of_bin).collect()
     }

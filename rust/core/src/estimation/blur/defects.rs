@@ -24,8 +24,7 @@ const HARM: f64 = 6.0;
 /// Rows of one task.
 const ROWS: usize = 64;
 /// Rows above and below one that its defects depend on.
-const REACH: usize =
-    if impulses::REACH > blocking::REACH { impulses::REACH } else { blocking::REACH };
+const REACH: usize = if impulses::REACH > blocking::REACH { impulses::REACH } else { blocking::REACH };
 
 /// The defects of the left and the right image, in units of their pixels.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -98,19 +97,14 @@ impl Defects {
 
             let here = rows.start - read.start..rows.end - read.start;
             let place = (read.start, height);
-            let counted =
-                both(|side| counts(&pair, side, here.clone(), place, levels[side], runtime))?;
+            let counted = both(|side| counts(&pair, side, here.clone(), place, levels[side], runtime))?;
             found = [0, 1].map(|side| found[side].and(counted[side]));
         }
 
         Ok(Self::from_counts(&found, levels, (height, cols)))
     }
 
-    fn from_counts(
-        found: &[DefectCounts; 2],
-        levels: [f64; 2],
-        (rows, cols): (usize, usize),
-    ) -> Self {
+    fn from_counts(found: &[DefectCounts; 2], levels: [f64; 2], (rows, cols): (usize, usize)) -> Self {
         let mut defects = Self { impulses: [0.0; 2], coding: [0.0; 2] };
 
         for (side, DefectCounts { doubtless, extra, steps }) in found.iter().enumerate() {

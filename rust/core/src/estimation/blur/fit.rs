@@ -87,11 +87,7 @@ impl BlurEvidence {
     }
 
     /// The losses of many responses.
-    pub fn losses<'a>(
-        &self,
-        responses: impl Iterator<Item = &'a Response>,
-        level: Level,
-    ) -> Vec<f32> {
+    pub fn losses<'a>(&self, responses: impl Iterator<Item = &'a Response>, level: Level) -> Vec<f32> {
         level.run(Models { evidence: self, responses })
     }
 }
@@ -102,16 +98,13 @@ fn evidence_of_both(level: Level, powers: &Powers, noise: [f32; 2]) -> [BlurEvid
     let [left, right] = &powers.binned;
     let (left, right) = (left.as_chunks::<FLOAT_LANES>().0, right.as_chunks::<FLOAT_LANES>().0);
     let with_capacity = || Vec::with_capacity(left.len());
-    let evidence =
-        |noise| BlurEvidence { blurred: with_capacity(), sharp: with_capacity(), noise, low: 0.0 };
+    let evidence = |noise| BlurEvidence { blurred: with_capacity(), sharp: with_capacity(), noise, low: 0.0 };
     // Evidence for a blur of the left image takes the right one as the sharp one, and the other way
     // round.
     let (mut for_left, mut for_right) = (evidence(noise[0]), evidence(noise[1]));
 
     let mut low = [0.0; FLOAT_LANES];
-    for ((left, right), weights) in
-        left.iter().zip(right).zip(bins().low.as_chunks::<FLOAT_LANES>().0)
-    {
+    for ((left, right), weights) in left.iter().zip(right).zip(bins().low.as_chunks::<FLOAT_LANES>().0) {
         let left_signal = signal(*left, noise[0]);
         let right_signal = signal(*right, noise[1]);
         let (left_log, right_log) = (logarithms(left_signal), logarithms(right_signal));
@@ -182,8 +175,7 @@ fn fitted(
     let (weights, _) = bins().weights.as_chunks::<FLOAT_LANES>();
 
     // Sums for the correction of the gain and for what the softer image lacks.
-    let (mut pull, mut trusted, mut excess) =
-        ([0.0; FLOAT_LANES], [0.0; FLOAT_LANES], [0.0; FLOAT_LANES]);
+    let (mut pull, mut trusted, mut excess) = ([0.0; FLOAT_LANES], [0.0; FLOAT_LANES], [0.0; FLOAT_LANES]);
     let powers = evidence.blurred.iter().zip(&evidence.sharp).zip(responses).zip(weights);
     for ((((blurred, sharp), response), weights), kept) in powers.zip(residuals.iter_mut()) {
         let (residual, trust) = residual(*blurred, *sharp, *response, gain, noise);
@@ -273,8 +265,7 @@ mod tests {
         };
 
         let count = bins().count();
-        let scene: Vec<f32> =
-            (0..count).map(|bin| 400.0 / (1.0 + bin as f32) * (0.5 + random())).collect();
+        let scene: Vec<f32> = (0..count).map(|bin| 400.0 / (1.0 + bin as f32) * (0.5 + random())).collect();
 
         let blurred = scene.iter().zip(&response.values);
         let blurred = blurred.map(|(power, left)| gain * left * power + noise[0]).collect();
@@ -322,8 +313,7 @@ mod tests {
         for (seed, entry) in bank().iter().enumerate().step_by(7) {
             let powers = powers(seed as u32, &entry.response, 0.4, noise);
 
-            let others: Vec<&Response> =
-                bank().iter().step_by(13).map(|other| &other.response).collect();
+            let others: Vec<&Response> = bank().iter().step_by(13).map(|other| &other.response).collect();
 
             for side in 0..2 {
                 let of = |level| BlurEvidence::of_both(&powers, noise, level)[side].clone();
@@ -419,8 +409,7 @@ mod tests {
 
         let correction = (pull / trusted.max(1e-9)).clamp(-1.0, 1.0);
 
-        let left =
-            |bin: usize| (residual(bin) - trust(bin) / weights[bin].max(1e-300) * correction).abs();
+        let left = |bin: usize| (residual(bin) - trust(bin) / weights[bin].max(1e-300) * correction).abs();
 
         let loss = bins.map(|bin| weights[bin] * left(bin).min(2.0)).sum();
         (loss, gain * math::exp(correction))

@@ -29,8 +29,7 @@ pub fn add_cross_spectra(
     let warped = warped(&grays[1], rough, control)?;
 
     // In the warped image, the right block has the corner of the left one.
-    let same_corner =
-        |place: &BlockPlace| BlockPlace { right_top: place.top, right: place.left, ..*place };
+    let same_corner = |place: &BlockPlace| BlockPlace { right_top: place.top, right: place.left, ..*place };
     let places: Vec<BlockPlace> = places.iter().map(same_corner).collect();
 
     sums.add_all([&grays[0], &warped], &places, level, control)
@@ -43,9 +42,8 @@ pub fn measured(sums: &Cross, side: Side, level: Level) -> Option<Taps> {
     let regular = sharp.iter().sum::<f32>() / sharp.len() as f32 * REGULAR;
 
     let over = |product: &[f32], sign: f32| -> Vec<f32> {
-        let quotient = |(product, power): (&f32, &f32)| {
-            sign * product / (power + regular).max(f32::MIN_POSITIVE)
-        };
+        let quotient =
+            |(product, power): (&f32, &f32)| sign * product / (power + regular).max(f32::MIN_POSITIVE);
         product.iter().zip(sharp).map(quotient).collect()
     };
 
@@ -171,18 +169,16 @@ mod tests {
             let shots = if side == Side::Left { [&soft, &sharp] } else { [&sharp, &soft] };
 
             let view = |plane: &Plane<f32>| {
-                let pixels =
-                    ndarray::Array3::from_shape_vec((150, 200, 1), plane.as_slice().into());
+                let pixels = ndarray::Array3::from_shape_vec((150, 200, 1), plane.as_slice().into());
                 Input::from(Image::F32(pixels.expect("the right length")))
             };
 
-            let pair =
-                Pair::of_inputs([view(shots[0]), view(shots[1])], 0, 8).expect("a legal pair");
+            let pair = Pair::of_inputs([view(shots[0]), view(shots[1])], 0, 8).expect("a legal pair");
             let grays = pair.views().map(|view| grays(view, &control).expect("memory"));
             let known = Correspondence { candidates: pair.candidates(), alignment: None };
 
-            let rough = RoughMatch::new(&grays, known, scale, &matcher, execution, &control)
-                .expect("a match");
+            let rough =
+                RoughMatch::new(&grays, known, scale, &matcher, execution, &control).expect("a match");
 
             let corner = |i: usize| BlockPlace {
                 top: i / 4 * 40,
@@ -193,8 +189,7 @@ mod tests {
 
             let places: Vec<BlockPlace> = (0..12).map(corner).collect();
             let mut sums = Cross::default();
-            add_cross_spectra(&grays, &rough, &places, &mut sums, level, &control)
-                .expect("not cancelled");
+            add_cross_spectra(&grays, &rough, &places, &mut sums, level, &control).expect("not cancelled");
 
             let found = measured(&sums, side, level).expect("there is contrast");
 

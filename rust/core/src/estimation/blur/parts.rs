@@ -109,11 +109,7 @@ impl<'a> PairRows<'a> {
 
 impl<'a> Part<'a> {
     /// The part that begins with row `first` of the whole image.
-    pub fn new(
-        first: usize,
-        pair: Cow<'a, Pair>,
-        Runtime { control, .. }: Runtime,
-    ) -> Result<Self> {
+    pub fn new(first: usize, pair: Cow<'a, Pair>, Runtime { control, .. }: Runtime) -> Result<Self> {
         let grays = both(|side| grays(pair.views()[side], control))?;
         Ok(Self { first, pair, grays })
     }
@@ -138,17 +134,12 @@ impl<'a> Part<'a> {
     /// The pair of blocks that show the same, whose left one has this corner in the whole image; `None` where
     /// there is none, or they have no contrast. The rough disparities begin with row `first` of the whole
     /// image.
-    pub fn place(
-        &self,
-        (rough, first): (&RoughMatch, usize),
-        top: usize,
-        left: usize,
-    ) -> Option<BlockPlace> {
+    pub fn place(&self, (rough, first): (&RoughMatch, usize), top: usize, left: usize) -> Option<BlockPlace> {
         let place = rough.place(&self.pair, self.first - first, top - self.first, left)?;
 
         let [left, right] = &self.grays;
-        let has_contrast = has_contrast(left, place.top, place.left)
-            && has_contrast(right, place.right_top, place.right);
+        let has_contrast =
+            has_contrast(left, place.top, place.left) && has_contrast(right, place.right_top, place.right);
 
         let right_top = place.right_top + self.first;
         has_contrast.then_some(BlockPlace { top, right_top, ..place })

@@ -130,9 +130,7 @@ static TABLE: [FamilyTraits; 4] = [
         sizes: &[5.0, 7.0, 9.0, 11.0, 13.0, 15.0, 18.0, 21.0, 25.0],
         largest: 31.0,
         // A motion of 180 degrees is that of 0.
-        shape: Shape::Angle(&[
-            0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0, 105.0, 120.0, 135.0, 150.0, 165.0,
-        ]),
+        shape: Shape::Angle(&[0.0, 15.0, 30.0, 45.0, 60.0, 75.0, 90.0, 105.0, 120.0, 135.0, 150.0, 165.0]),
         rarity: None,
         probes: (&[5.0, 9.0, 15.0], 2),
         taps: |psf| motion(psf.size, psf.angle),
@@ -274,13 +272,10 @@ impl Psf {
         let scale = 1.0 / f64::from(1u32 << halvings);
         let (grow, turn) = (STEP * scale, TURN * scale);
 
-        let sizes =
-            [1.0 - grow, 1.0 + grow].map(|factor| Self { size: self.size * factor, ..self });
+        let sizes = [1.0 - grow, 1.0 + grow].map(|factor| Self { size: self.size * factor, ..self });
         let shapes = [1.0, -1.0].map(|sign| match self.family.traits().shape {
             Shape::None => None,
-            Shape::Angle(_) => {
-                Some(Self { angle: (self.angle + sign * turn).rem_euclid(180.0), ..self })
-            }
+            Shape::Angle(_) => Some(Self { angle: (self.angle + sign * turn).rem_euclid(180.0), ..self }),
             Shape::Inner(..) => Some(Self { inner: self.inner + sign * grow / 2.0, ..self }),
         });
         let all = sizes.into_iter().chain(shapes.into_iter().flatten());
@@ -309,10 +304,7 @@ mod tests {
             let taps = psf.taps();
             assert!((taps.values.iter().sum::<f64>() - 1.0).abs() < 1e-12, "{psf:?}");
             let mirrored = taps.values.iter().rev();
-            assert!(
-                taps.values.iter().zip(mirrored).all(|(a, b)| (a - b).abs() < 1e-12),
-                "{psf:?}"
-            );
+            assert!(taps.values.iter().zip(mirrored).all(|(a, b)| (a - b).abs() < 1e-12), "{psf:?}");
             assert_eq!(taps.values.len(), taps.side().pow(2));
         }
     }

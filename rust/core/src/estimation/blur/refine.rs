@@ -34,8 +34,7 @@ pub fn refine(evidence: &BlurEvidence, level: Level) -> RefinedBlur {
     });
 
     let rarity = |found: &RefinedBlur| found.entry.psf.family.traits().rarity.as_ref();
-    let (rare, others): (Vec<_>, Vec<_>) =
-        seeds.flatten().partition(|found| rarity(found).is_some());
+    let (rare, others): (Vec<_>, Vec<_>) = seeds.flatten().partition(|found| rarity(found).is_some());
 
     let least = others.iter().map(|found| found.fit.loss).fold(f32::INFINITY, f32::min);
     let is_hopeful = |found: &RefinedBlur| found.fit.loss <= HOPELESS * least + 0.02;
@@ -55,8 +54,8 @@ pub fn refine(evidence: &BlurEvidence, level: Level) -> RefinedBlur {
 fn descend(seed: RefinedBlur, judge: &impl Fn(Psf) -> RefinedBlur) -> RefinedBlur {
     let mut found = seed;
     for halving in 0..HALVINGS {
-        while let Some(better) = best(found.entry.psf.steps(halving).map(judge))
-            .filter(|other| other.fit.loss < found.fit.loss)
+        while let Some(better) =
+            best(found.entry.psf.steps(halving).map(judge)).filter(|other| other.fit.loss < found.fit.loss)
         {
             found = better;
         }
@@ -125,9 +124,7 @@ mod tests {
 
     #[test]
     fn sizes_stay_within_what_blocks_see() {
-        for psf in
-            [Psf::gaussian(16.0), Psf::disk(28.0), Psf::motion(62.0, 0.0), Psf::annulus(28.0, 0.5)]
-        {
+        for psf in [Psf::gaussian(16.0), Psf::disk(28.0), Psf::motion(62.0, 0.0), Psf::annulus(28.0, 0.5)] {
             let found = refine(&evidence(psf), Level::best()).entry.psf;
             assert!(found.family.contains(&found), "{found:?}");
         }

@@ -41,11 +41,7 @@ impl Losses {
     pub fn mean_of_best(&self) -> f32 {
         let best = |losses: &[f32]| losses.iter().copied().fold(f32::INFINITY, f32::min);
         let count = self.informative().count();
-        if count == 0 {
-            f32::INFINITY
-        } else {
-            self.informative().map(best).sum::<f32>() / count as f32
-        }
+        if count == 0 { f32::INFINITY } else { self.informative().map(best).sum::<f32>() / count as f32 }
     }
 
     /// The losses of the tiles with evidence.
@@ -93,8 +89,7 @@ impl Losses {
     /// The tiles that a choice explains better than the others do. With several choices, only the better half
     /// of these: tiles on a boundary are not of one kind.
     pub fn best_members(&self, choice: usize) -> Vec<usize> {
-        let is_member =
-            |tile: &usize| self.of(*tile)[0].is_finite() && least(self.of(*tile)) == choice;
+        let is_member = |tile: &usize| self.of(*tile)[0].is_finite() && least(self.of(*tile)) == choice;
         let mut members: Vec<usize> = (0..self.rows * self.cols).filter(is_member).collect();
 
         if self.choices > 1 {
@@ -113,8 +108,7 @@ impl Losses {
         let mut steadied = self.clone();
         for (tile, losses) in steadied.values.chunks_mut(self.choices).enumerate() {
             // Ties keep the tile's own losses.
-            let steadiest =
-                self.around(tile).fold(tile, |a, b| if best(b) < best(a) { b } else { a });
+            let steadiest = self.around(tile).fold(tile, |a, b| if best(b) < best(a) { b } else { a });
             losses.copy_from_slice(self.of(steadiest));
         }
 
@@ -162,8 +156,7 @@ impl Losses {
             areas[usize::from(*label)] += 1;
         }
 
-        let is_large =
-            |choice: &usize| f64::from(areas[*choice]) >= LEAST_SHARE * labels.len() as f64;
+        let is_large = |choice: &usize| f64::from(areas[*choice]) >= LEAST_SHARE * labels.len() as f64;
         let mut kept: Vec<usize> = (0..self.choices).filter(is_large).collect();
         // Where losses are equal, or there is no evidence, that of the largest area.
         kept.sort_by_key(|choice| std::cmp::Reverse(areas[*choice]));
@@ -186,8 +179,7 @@ impl Losses {
             self.of(tile).iter().map(|loss| if loss.is_finite() { *loss } else { 0.0 }).collect();
 
         for other in self.around(tile).filter(|other| *other != tile) {
-            let beside =
-                other / self.cols == tile / self.cols || other % self.cols == tile % self.cols;
+            let beside = other / self.cols == tile / self.cols || other % self.cols == tile % self.cols;
             energy[usize::from(labels[other])] -= if beside { BOUNDARY } else { BOUNDARY / 2.0 };
         }
 
@@ -275,9 +267,8 @@ mod tests {
 
     #[test]
     fn the_number_of_choices_is_limited() {
-        let tile = |own: usize| -> [f32; 12] {
-            std::array::from_fn(|choice| if choice == own { 0.0 } else { 2.0 })
-        };
+        let tile =
+            |own: usize| -> [f32; 12] { std::array::from_fn(|choice| if choice == own { 0.0 } else { 2.0 }) };
 
         let tiles: Vec<[f32; 12]> = (0..12).map(tile).collect();
         assert_eq!(losses(4, &tiles).chosen().len(), MOST);
@@ -291,8 +282,7 @@ mod tests {
 
     #[test]
     fn of_several_choices_each_has_the_better_half_of_its_tiles() {
-        let tiles =
-            [[0.3, 0.9], [0.1, 0.9], [0.2, 0.9], [0.9, 0.4], [0.9, 0.2], [f32::INFINITY; 2]];
+        let tiles = [[0.3, 0.9], [0.1, 0.9], [0.2, 0.9], [0.9, 0.4], [0.9, 0.2], [f32::INFINITY; 2]];
 
         let losses = losses(3, &tiles);
         assert_eq!(losses.best_members(0), [1, 2]);
@@ -313,8 +303,7 @@ mod tests {
 
     #[test]
     fn tiles_on_a_boundary_take_over_from_well_explained_ones() {
-        let tiles =
-            [[0.1, 0.9], [0.8, 0.7], [0.9, 0.05], [0.9, 0.2], [f32::INFINITY; 2], [0.9, 0.3]];
+        let tiles = [[0.1, 0.9], [0.8, 0.7], [0.9, 0.05], [0.9, 0.2], [f32::INFINITY; 2], [0.9, 0.3]];
         let steadied = losses(6, &tiles).steadied();
         let expected = [[0.1, 0.9], [0.9, 0.05], [0.9, 0.05], [0.9, 0.05], [0.9, 0.2], [0.9, 0.3]];
         assert_eq!(steadied.values, expected.concat());
@@ -353,9 +342,8 @@ mod tests {
         let mut tiles = [[0.1, 0.9, 0.5]; 200];
         tiles[100..].fill([0.9, 0.1, 0.5]);
         // Three tiles by three are a choice of more than 2 %, one by three of less.
-        let block = |first: usize, rows: usize| {
-            (0..rows).flat_map(move |y| (0..3).map(move |x| first + 20 * y + x))
-        };
+        let block =
+            |first: usize, rows: usize| (0..rows).flat_map(move |y| (0..3).map(move |x| first + 20 * y + x));
         block(25, 3).for_each(|tile| tiles[tile] = [1.9, 1.8, 0.1]);
         assert_eq!(losses(20, &tiles).main_labels(), losses(20, &tiles).labels());
         assert!(losses(20, &tiles).main_labels().contains(&2));

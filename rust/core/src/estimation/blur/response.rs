@@ -47,8 +47,7 @@ pub fn response(taps: &Taps, level: Level) -> Response {
 fn smeared(powers: &[f32]) -> Vec<f32> {
     // The coefficients of a Hann window are 1/2 and twice -1/4: their squares, scaled to sum 1, are 2/3 and
     // twice 1/6.
-    let smear =
-        |before: f32, here: f32, after: f32| here * (2.0 / 3.0) + (before + after) * (1.0 / 6.0);
+    let smear = |before: f32, here: f32, after: f32| here * (2.0 / 3.0) + (before + after) * (1.0 / 6.0);
 
     let (lower, upper) = powers.split_at(HALF);
     let mut smeared = Vec::with_capacity(HALF);

@@ -59,12 +59,7 @@ pub fn has_contrast(grays: &Plane<f32>, top: usize, left: usize) -> bool {
 }
 
 /// Means over squares of `factor` pixels, a power of two; incomplete squares at the far ends are left out.
-pub fn reduced(
-    plane: &Plane<f32>,
-    factor: usize,
-    level: Level,
-    control: &Control,
-) -> Result<Plane<f32>> {
+pub fn reduced(plane: &Plane<f32>, factor: usize, level: Level, control: &Control) -> Result<Plane<f32>> {
     if factor == 1 {
         return Ok(plane.clone());
     }
@@ -163,13 +158,11 @@ pub fn raised(
 
         for (x, value) in row.iter_mut().enumerate() {
             // Offsets are rounded to steps, so that it makes no difference where a part of the image begins.
-            let offset =
-                nearest(along.at(center(x)) * RAISED_STEPS as f64 / factor as f64) as isize;
+            let offset = nearest(along.at(center(x)) * RAISED_STEPS as f64 / factor as f64) as isize;
             let above = y as isize + offset.div_euclid(RAISED_STEPS);
             let share = offset.rem_euclid(RAISED_STEPS) as f32 / RAISED_STEPS as f32;
 
-            let [upper, lower] =
-                [above, above + 1].map(|y| right.row(y.clamp(0, last) as usize)[x]);
+            let [upper, lower] = [above, above + 1].map(|y| right.row(y.clamp(0, last) as usize)[x]);
             *value = upper + share * (lower - upper);
         }
     })
@@ -237,8 +230,7 @@ impl RoughMatch {
         };
 
         let runtime = Runtime { matcher, execution, control };
-        let map =
-            match_reduced([left, right], factor, alignment.as_ref(), span, &settings, runtime)?;
+        let map = match_reduced([left, right], factor, alignment.as_ref(), span, &settings, runtime)?;
         Ok(Self { disparity: map.disparity, factor, alignment })
     }
 
@@ -387,10 +379,7 @@ mod tests {
         let pair = pair([None, None]);
         for factor in [2, 4] {
             let place = rough(&pair, factor).place(&pair, 0, 20, 70);
-            assert_eq!(
-                place,
-                Some(BlockPlace { top: 20, left: 70, right_top: 20, right: 70 - SHIFT })
-            );
+            assert_eq!(place, Some(BlockPlace { top: 20, left: 70, right_top: 20, right: 70 - SHIFT }));
         }
     }
 
@@ -405,8 +394,7 @@ mod tests {
 
     #[test]
     fn blocks_that_are_masked_in_either_image_are_left_out() {
-        let masked =
-            |share: usize| Some(Mask::from_fn(130, 200, |y, x| (31 * y + x) % 100 >= share));
+        let masked = |share: usize| Some(Mask::from_fn(130, 200, |y, x| (31 * y + x) % 100 >= share));
 
         for masks in [[masked(13), None], [None, masked(13)]] {
             let pair = pair(masks);
@@ -432,8 +420,7 @@ mod tests {
 
     #[test]
     fn one_value_all_over_is_no_contrast() {
-        let plane =
-            |odd: usize| Plane::from_fn(80, 80, |y, x| if y * 80 + x == odd { 1.0 } else { 7.0 });
+        let plane = |odd: usize| Plane::from_fn(80, 80, |y, x| if y * 80 + x == odd { 1.0 } else { 7.0 });
 
         assert!(has_contrast(&plane(79 * 80), 16, 0), "the last row of the block");
         assert!(!has_contrast(&plane(79 * 80), 15, 0), "the row below it");
@@ -443,10 +430,8 @@ mod tests {
     #[test]
     fn shades_are_in_one_range_whatever_the_type() {
         let bytes = ndarray::Array3::from_shape_fn((9, 11, 1), |(y, x, _)| texture(y, x));
-        let images = [
-            (Image::U16(bytes.mapv(|value| u16::from(value) * 256)), 1.0 / 256.0),
-            (Image::U8(bytes), 1.0),
-        ];
+        let images =
+            [(Image::U16(bytes.mapv(|value| u16::from(value) * 256)), 1.0 / 256.0), (Image::U8(bytes), 1.0)];
 
         let planes = images.map(|(image, unit)| {
             let view = view_of_input(image.into()).expect("memory");

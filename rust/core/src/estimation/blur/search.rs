@@ -84,9 +84,9 @@ impl BlockPair {
 
     /// The loss of a choice.
     pub fn loss(&self, choice: Choice, level: Level) -> f32 {
-        choice.side.map_or(self.none().loss, |side| {
-            self.evidence[side.index()].fit(choice.response, level).loss
-        })
+        choice
+            .side
+            .map_or(self.none().loss, |side| self.evidence[side.index()].fit(choice.response, level).loss)
     }
 
     /// The losses of all choices. Blurs of an image that clearly lacks less power than the other one are not
@@ -98,8 +98,7 @@ impl BlockPair {
             if tried {
                 let responses = bank().iter().map(|entry| &entry.response);
                 let tried = evidence.losses(responses, level);
-                losses
-                    .extend(tried.iter().zip(bank()).map(|(loss, entry)| loss + entry.psf.prior()));
+                losses.extend(tried.iter().zip(bank()).map(|(loss, entry)| loss + entry.psf.prior()));
             } else {
                 losses.extend(vec![none.max(UNTRIED); bank().len()]);
             }
@@ -111,9 +110,8 @@ impl BlockPair {
     /// The least loss of a few blurs.
     fn least_of_probes(&self, level: Level) -> f32 {
         let tried = self.evidence.iter().zip(self.may_be_softer()).filter(|(_, tried)| *tried);
-        let losses = tried.flat_map(|(evidence, _)| {
-            evidence.losses(probes().iter().map(|entry| &entry.response), level)
-        });
+        let losses = tried
+            .flat_map(|(evidence, _)| evidence.losses(probes().iter().map(|entry| &entry.response), level));
         losses.fold(f32::INFINITY, f32::min)
     }
 
@@ -154,12 +152,7 @@ impl BlockPair {
 /// The losses of all choices on many pairs of blocks. Those of a sample are tried with all choices, if not
 /// all blocks together are sharp; the others only if something explains them better than what explains the
 /// sample best. If they are, and a few blurs are worth nothing to the sample either, no blur is tried.
-pub fn searched(
-    all: &[BlockPair],
-    is_sample: &[bool],
-    is_sharp: bool,
-    level: Level,
-) -> Vec<Vec<f32>> {
+pub fn searched(all: &[BlockPair], is_sample: &[bool], is_sharp: bool, level: Level) -> Vec<Vec<f32>> {
     if is_sharp {
         let sample: Vec<&BlockPair> =
             all.iter().zip(is_sample).filter(|(_, is_one)| **is_one).map(|(one, _)| one).collect();
@@ -167,11 +160,7 @@ pub fn searched(
         let is_all_sharp = worth.iter().sum::<f32>() < GLANCE * sample.len() as f32;
 
         let losses = |blocks: &BlockPair| {
-            if is_all_sharp {
-                blocks.losses_of(0, level)
-            } else {
-                blocks.losses_unless_explained(0, level)
-            }
+            if is_all_sharp { blocks.losses_of(0, level) } else { blocks.losses_unless_explained(0, level) }
         };
         return all.par_iter().map(losses).collect();
     }
@@ -187,9 +176,7 @@ pub fn searched(
 
     let of_others = all.par_iter().zip(of_sample);
     of_others
-        .map(|(blocks, tried)| {
-            tried.unwrap_or_else(|| blocks.losses_unless_explained(first, level))
-        })
+        .map(|(blocks, tried)| tried.unwrap_or_else(|| blocks.losses_unless_explained(first, level)))
         .collect()
 }
 
@@ -247,9 +234,7 @@ mod tests {
 
         let soft = losses(&spectra(disk, 0.1), [0.1; 2]);
         assert!(soft[1..=count].iter().all(|loss| *loss <= 2.0));
-        assert!(
-            soft[count + 1..].iter().all(|loss| loss.to_bits() == soft[0].max(UNTRIED).to_bits())
-        );
+        assert!(soft[count + 1..].iter().all(|loss| loss.to_bits() == soft[0].max(UNTRIED).to_bits()));
 
         let alike = losses(&spectra(None, 0.1), [0.1; 2]);
         let untried = alike[0].max(UNTRIED).to_bits();
@@ -263,8 +248,8 @@ mod tests {
 
         let level = Level::best();
         for (usual, odd) in [(None, Some(disk - 1)), (Some(disk - 1), None)] {
-            let blocks = [usual, usual, usual, odd]
-                .map(|blur| BlockPair::new(&spectra(blur, 0.1), [0.1; 2], level));
+            let blocks =
+                [usual, usual, usual, odd].map(|blur| BlockPair::new(&spectra(blur, 0.1), [0.1; 2], level));
 
             let found = searched(&blocks, &[true, true, false, false], false, level);
             assert_eq!(found[0], blocks[0].losses(level));

@@ -48,9 +48,10 @@ impl BlurSignature {
             });
 
             let logarithms: Vec<f32> = logarithms.collect();
-            bins().directions.each_ref().map(|weights| {
-                weights.iter().zip(&logarithms).map(|(weight, value)| weight * value).sum()
-            })
+            bins()
+                .directions
+                .each_ref()
+                .map(|weights| weights.iter().zip(&logarithms).map(|(weight, value)| weight * value).sum())
         });
 
         let excess: Vec<f32> = excess.collect();
@@ -61,8 +62,7 @@ impl BlurSignature {
     /// Whether the places hold blocks in an image of this many rows and columns; false without any places.
     pub fn fits(&self, (rows, cols): (usize, usize)) -> bool {
         let fits = |place: &BlockPlace| {
-            place.top.max(place.right_top) + SIDE <= rows
-                && place.left.max(place.right) + SIDE <= cols
+            place.top.max(place.right_top) + SIDE <= rows && place.left.max(place.right) + SIDE <= cols
         };
 
         !self.places.is_empty() && self.places.iter().all(fits)
@@ -71,7 +71,6 @@ impl BlurSignature {
     /// Whether the statistics of the same places in another pair are nearly equal.
     pub fn is_like(&self, other: &Self) -> bool {
         let mut pairs = self.excess.iter().zip(&other.excess);
-        self.excess.len() == other.excess.len()
-            && pairs.all(|(one, two)| (one - two).abs() <= SMALL)
+        self.excess.len() == other.excess.len() && pairs.all(|(one, two)| (one - two).abs() <= SMALL)
     }
 }

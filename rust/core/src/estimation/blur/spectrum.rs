@@ -303,16 +303,14 @@ mod tests {
         let place = BlockPlace { top: 0, left: 5, right_top: 0, right: 5 };
         let sums = |image| {
             let mut sums = Cross::default();
-            sums.add_all([image, image], &[place], Level::best(), &Control::default())
-                .expect("it runs");
+            sums.add_all([image, image], &[place], Level::best(), &Control::default()).expect("it runs");
             sums
         };
 
         let (one, ten) = (sums(&image), sums(&loud));
 
-        let norm = |[re, im]: &[Vec<f32>; 2], place: usize| {
-            math::hypot(f64::from(re[place]), f64::from(im[place]))
-        };
+        let norm =
+            |[re, im]: &[Vec<f32>; 2], place: usize| math::hypot(f64::from(re[place]), f64::from(im[place]));
 
         for place in 0..HALF {
             let [a, b] = [&one, &ten].map(|sums| norm(&sums.product, place));
@@ -327,8 +325,7 @@ mod tests {
     fn sums_over_blocks_do_not_depend_on_the_threads() {
         let images = [noise(4), noise(5)];
 
-        let place =
-            |i: usize| BlockPlace { top: i / 40, left: i % 23, right_top: i / 40, right: i % 19 };
+        let place = |i: usize| BlockPlace { top: i / 40, left: i % 23, right_top: i / 40, right: i % 19 };
         let places: Vec<BlockPlace> = (0..50).map(place).collect();
 
         let on = |threads| {

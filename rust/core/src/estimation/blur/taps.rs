@@ -40,9 +40,10 @@ impl Taps {
     pub fn places(&self) -> impl Iterator<Item = (isize, isize, f64)> + '_ {
         let (side, reach) = (self.side(), self.reach as isize);
 
-        self.values.iter().enumerate().map(move |(i, value)| {
-            ((i / side) as isize - reach, (i % side) as isize - reach, *value)
-        })
+        self.values
+            .iter()
+            .enumerate()
+            .map(move |(i, value)| ((i / side) as isize - reach, (i % side) as isize - reach, *value))
     }
 
     /// The least share of texture that is left at half the highest frequency, a period of 4 pixels, along
@@ -51,8 +52,7 @@ impl Taps {
         let along = |down: f64, across: f64| {
             let (mut real, mut imaginary) = (0.0, 0.0);
             for (dy, dx, value) in self.places() {
-                let (sine, cosine) =
-                    math::sin_cos(FRAC_PI_2 * (down * dy as f64 + across * dx as f64));
+                let (sine, cosine) = math::sin_cos(FRAC_PI_2 * (down * dy as f64 + across * dx as f64));
                 real += value * cosine;
                 imaginary += value * sine;
             }
@@ -96,9 +96,7 @@ pub fn gaussian(sigma: f64) -> Taps {
 
     let side = 0..=2 * reach;
     let profile: Vec<f64> = side
-        .map(|i| {
-            math::exp(-0.5 * ((i as f64 - reach as f64) / sigma.max(f64::MIN_POSITIVE)).powi(2))
-        })
+        .map(|i| math::exp(-0.5 * ((i as f64 - reach as f64) / sigma.max(f64::MIN_POSITIVE)).powi(2)))
         .collect();
 
     // A Gaussian is separable: the outer product of its profile.

@@ -92,14 +92,9 @@ struct WindowPair {
 impl Contrast {
     /// The contrast of the copies, whose right pixels correspond as the rough map says; `None`: too few
     /// windows do.
-    pub(super) fn new(
-        overview: &Overview,
-        rough: &RoughMap,
-        scales: &[LightScale; 2],
-    ) -> Option<Self> {
+    pub(super) fn new(overview: &Overview, rough: &RoughMap, scales: &[LightScale; 2]) -> Option<Self> {
         let windows = windows(overview, rough, scales);
-        let is_unclipped =
-            |window: &&WindowPair| window.left + ABOVE_MEAN * window.left_spread < TOP;
+        let is_unclipped = |window: &&WindowPair| window.left + ABOVE_MEAN * window.left_spread < TOP;
         let usable: Vec<WindowPair> = windows.iter().filter(is_unclipped).copied().collect();
         if usable.len() < LEAST_WINDOWS {
             return None;
@@ -107,8 +102,7 @@ impl Contrast {
 
         let (gain, gamma) = fitted(&usable);
 
-        let mut grays: Vec<f32> =
-            overview.planes[1].as_slice().iter().step_by(EVERY).copied().collect();
+        let mut grays: Vec<f32> = overview.planes[1].as_slice().iter().step_by(EVERY).copied().collect();
         let mut ratio = |tenths: usize| {
             let at = (grays.len() - 1) * tenths / 10;
             let shade = ranked(&mut grays, at).unwrap_or(0.0);
@@ -189,9 +183,7 @@ impl ResponseSums {
         }
 
         let [left, right] = self.values.map(|sum| sum / self.count);
-        let spread = |side: usize, mean: f64| {
-            (self.squares[side] / self.count - mean * mean).max(0.0).sqrt()
-        };
+        let spread = |side: usize, mean: f64| (self.squares[side] / self.count - mean * mean).max(0.0).sqrt();
         let (left_spread, right_spread) = (spread(0, left), spread(1, right));
         let log_brightest = math::ln(right + ABOVE_MEAN * right_spread);
         let log = math::ln(right);
@@ -289,9 +281,7 @@ mod tests {
         left: impl Fn(usize, usize, f64) -> f64,
         disparity: &dyn Fn(usize, usize) -> f32,
     ) -> Option<Contrast> {
-        let plane = |value: &dyn Fn(usize, usize) -> f64| {
-            Plane::from_fn(160, 220, |y, x| value(y, x) as f32)
-        };
+        let plane = |value: &dyn Fn(usize, usize) -> f64| Plane::from_fn(160, 220, |y, x| value(y, x) as f32);
         let planes = [plane(&|y, x| left(y, x, gray(y, x))), plane(&|y, x| gray(y, x + 10))];
         let disparity = Plane::from_fn(160, 220, disparity);
         let rough = RoughMap { unsure: disparity.clone(), disparity, field: None, confidence: 1.0 };
@@ -314,10 +304,7 @@ mod tests {
             };
             let contrast = found(clipped, &disparity).expect("enough corresponds");
             let ends = contrast.ends[0] / contrast.ends[1];
-            assert!(
-                if gamma < 1.0 { ends > 1.1 } else { ends < 1.05 },
-                "{gain} {gamma} {contrast:?}"
-            );
+            assert!(if gamma < 1.0 { ends > 1.1 } else { ends < 1.05 }, "{gain} {gamma} {contrast:?}");
             assert!((contrast.gain / gain - 1.0).abs() < 0.05, "{gain} {gamma} {contrast:?}");
             assert!((contrast.gamma / gamma - 1.0).abs() < 0.05, "{gain} {gamma} {contrast:?}");
         }

@@ -89,8 +89,8 @@ fn count_runs(level: Level, runs: &[[i32; RUN]], flat: i64, textured: i64) -> Ru
             steps += run[x].abs_diff(run[x - FAR]);
         }
         // Means: there are two bends less than pixels, and FAR steps less.
-        let is_smeared = f64::from(bends) * ((RUN - FAR) as f64)
-            < SMOOTH * f64::from(steps) * ((RUN - 2) as f64);
+        let is_smeared =
+            f64::from(bends) * ((RUN - FAR) as f64) < SMOOTH * f64::from(steps) * ((RUN - 2) as f64);
         count.textured += 1;
         count.smeared += u64::from(is_smeared);
     }
@@ -100,13 +100,7 @@ fn count_runs(level: Level, runs: &[[i32; RUN]], flat: i64, textured: i64) -> Ru
 /// The number of windows of a row that come back further on, and of all windows. `noise` is the standard
 /// deviation of the noise; what differs by less than `least` has no texture; periods longer than `period` do
 /// not count.
-pub fn repeated_windows(
-    row: &[i32],
-    noise: f64,
-    least: f64,
-    period: usize,
-    level: Level,
-) -> [u64; 2] {
+pub fn repeated_windows(row: &[i32], noise: f64, least: f64, period: usize, level: Level) -> [u64; 2] {
     let windows = row.windows(WINDOW + LONGEST).step_by(WINDOW);
 
     let repeats = |part: &[i32]| {
@@ -156,9 +150,8 @@ pub fn field_differences(level: Level, rows: [&[i32]; 3]) -> [u64; 2 * FIELD_REA
 
         for at in (0..count).step_by(SUMMED) {
             let part = at..(at + SUMMED).min(count);
-            let differences = |one: &[i32], two: &[i32]| -> u32 {
-                one.iter().zip(two).map(|(a, b)| a.abs_diff(*b)).sum()
-            };
+            let differences =
+                |one: &[i32], two: &[i32]| -> u32 { one.iter().zip(two).map(|(a, b)| a.abs_diff(*b)).sum() };
             *sum += u64::from(differences(&first[part.clone()], &moved[part.clone()]));
             *sum += u64::from(differences(&second[part.clone()], &other[part]));
         }
@@ -179,8 +172,7 @@ mod tests {
 
     #[test]
     fn runs_are_told_by_their_contrast_and_by_how_smooth_it_is() {
-        let wave =
-            |x: usize| if x % 16 < 8 { 40 * (x % 16) as i32 } else { 40 * (16 - x % 16) as i32 };
+        let wave = |x: usize| if x % 16 < 8 { 40 * (x % 16) as i32 } else { 40 * (16 - x % 16) as i32 };
         let row: Vec<i32> = (0..69)
             .map(|x| match x / 16 {
                 0 => 100 + x as i32 % 2,
@@ -222,9 +214,7 @@ mod tests {
             let inside = FIELD_REACH as isize..90 - FIELD_REACH as isize;
             let at = |row: &[i32], x: isize| row[x as usize];
             inside
-                .map(|x| {
-                    at(&even, x).abs_diff(at(&odd, x + k)) + at(&odd, x).abs_diff(at(&even, x - k))
-                })
+                .map(|x| at(&even, x).abs_diff(at(&odd, x + k)) + at(&odd, x).abs_diff(at(&even, x - k)))
                 .map(u64::from)
                 .sum()
         };

@@ -54,11 +54,7 @@ pub struct Equation {
 
 impl Equation {
     /// The equation of a block in copies, reduced by a factor, of images of this many rows and columns.
-    pub fn of_track(
-        Track { place, weight }: &Track,
-        (rows, cols): (usize, usize),
-        factor: usize,
-    ) -> Self {
+    pub fn of_track(Track { place, weight }: &Track, (rows, cols): (usize, usize), factor: usize) -> Self {
         // Fields are functions of places from -1 to 1 of the right image, splines of shares of the height. A
         // block shows the mean over its rows.
         let fraction = |at: f64, length: usize| (at + 0.5) / (length as f64 / 2.0) - 1.0;
@@ -124,8 +120,7 @@ impl Model {
 
     /// Fits the field; `None` where it is not determined.
     pub fn fitted(&self, points: &[Equation]) -> Option<RobustFit> {
-        let rows: Vec<[f64; MOST]> =
-            points.iter().map(|point| self.row(&point.terms, &point.sway)).collect();
+        let rows: Vec<[f64; MOST]> = points.iter().map(|point| self.row(&point.terms, &point.sway)).collect();
         let mut weights: Vec<f64> = points.iter().map(|point| point.weight).collect();
         let mut solution = [0.0; MOST];
         let mut spread = 0.0;
@@ -178,8 +173,7 @@ impl Model {
     /// The factors of the smooth terms, and those of the spline, of which the line through it goes to the
     /// smooth terms: only their sum is determined.
     fn parted(&self, solution: &[f64; MOST]) -> ([f64; TERMS], [f64; KNOTS]) {
-        let mut coefficients: [f64; TERMS] =
-            from_fn(|at| if at < self.smooth { solution[at] } else { 0.0 });
+        let mut coefficients: [f64; TERMS] = from_fn(|at| if at < self.smooth { solution[at] } else { 0.0 });
         let mut sway = [0.0; KNOTS];
         if !self.sways {
             return (coefficients, sway);
@@ -208,12 +202,7 @@ impl Model {
     }
 
     /// Standard error of the field at places, root mean square.
-    fn error(
-        &self,
-        factor: &Cholesky<MOST>,
-        spread: f64,
-        places: impl Iterator<Item = (f64, f64)>,
-    ) -> f64 {
+    fn error(&self, factor: &Cholesky<MOST>, spread: f64, places: impl Iterator<Item = (f64, f64)>) -> f64 {
         let variance = |(x, y): (f64, f64)| -> f64 {
             let fraction = 0.5 * (y + 1.0);
             factor.variance(self.row(&terms(x, y), &mean_weights(fraction, fraction)))
@@ -232,8 +221,7 @@ impl Model {
 
     /// The evidence for a spline of the row beside the smooth terms of a fit.
     pub fn evidence(&self, points: &[Equation], fit: &RobustFit) -> f64 {
-        let rows: Vec<[f64; MOST]> =
-            points.iter().map(|point| self.row(&point.terms, &point.sway)).collect();
+        let rows: Vec<[f64; MOST]> = points.iter().map(|point| self.row(&point.terms, &point.sway)).collect();
         self.most_probable(&rows, points, &fit.weights, fit.spread).map_or(0.0, |found| found.0)
     }
 
@@ -268,8 +256,7 @@ impl RobustFit {
         let field = |(x, y)| -> f64 {
             let terms = terms(x, y);
             let spline = mean_weights(0.5 * (y + 1.0), 0.5 * (y + 1.0));
-            let smooth =
-                (0..TERMS).map(|i| (self.coefficients[i] - other.coefficients[i]) * terms[i]);
+            let smooth = (0..TERMS).map(|i| (self.coefficients[i] - other.coefficients[i]) * terms[i]);
             let sway = (0..KNOTS).map(|i| (self.sway[i] - other.sway[i]) * spline[i]);
             smooth.sum::<f64>() + sway.sum::<f64>()
         };
@@ -339,12 +326,7 @@ impl Prior {
 }
 
 /// The normal equations of points with these weights.
-fn normal(
-    rows: &[[f64; MOST]],
-    points: &[Equation],
-    weights: &[f64],
-    count: usize,
-) -> Normal<MOST> {
+fn normal(rows: &[[f64; MOST]], points: &[Equation], weights: &[f64], count: usize) -> Normal<MOST> {
     let mut normal = Normal::new(count);
     for ((terms, point), weight) in rows.iter().zip(points).zip(weights) {
         normal.add(terms, point.value, *weight);
@@ -423,9 +405,8 @@ mod tests {
 
     #[test]
     fn there_is_evidence_of_rows_that_sway_and_none_in_noise() {
-        let evidence = |points: &[Equation]| {
-            SWAYING.evidence(points, &SWAYING.fitted(points).expect("enough points"))
-        };
+        let evidence =
+            |points: &[Equation]| SWAYING.evidence(points, &SWAYING.fitted(points).expect("enough points"));
         assert!(evidence(&waving(0.0, 0.0..1.0)) < 1.0);
         assert!(evidence(&waving(0.5, 0.0..1.0)) > 50.0);
     }

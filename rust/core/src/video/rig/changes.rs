@@ -67,7 +67,6 @@ fn means(view: &View) -> Result<Plane<f64>> {
     }
     let level = view.scale().steps(view.scale().level());
     let length = |at: usize, end: usize| (end - at * side).min(side) as f64;
-    let mean =
-        |y: usize, x: usize| sums.row(y)[x] as f64 / (length(y, rows) * length(x, cols) * level);
+    let mean = |y: usize, x: usize| sums.row(y)[x] as f64 / (length(y, rows) * length(x, cols) * level);
     Ok(Plane::from_fn(sums.rows(), sums.cols(), mean))
 }

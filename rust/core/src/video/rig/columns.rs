@@ -17,8 +17,7 @@ use std::ops::Range;
 use serde::{Deserialize, Serialize};
 
 use crate::video::choices::{
-    COUNTED_STEP, FADING_FRAMES, FEW_FADED, FEW_NOW, IDLE_FRAMES, LEAST_RESERVE, RESERVE_DIVISOR,
-    SPARE,
+    COUNTED_STEP, FADING_FRAMES, FEW_FADED, FEW_NOW, IDLE_FRAMES, LEAST_RESERVE, RESERVE_DIVISOR, SPARE,
 };
 use phasestereo_match::base::error::Result;
 use phasestereo_match::matcher::Disparity;
@@ -120,8 +119,7 @@ impl Columns {
                 let value = values[x];
                 if value.is_finite() {
                     let at = value.round_ties_even() as i64 - self.searched.start;
-                    if let Some(count) = usize::try_from(at).ok().and_then(|at| counts.get_mut(at))
-                    {
+                    if let Some(count) = usize::try_from(at).ok().and_then(|at| counts.get_mut(at)) {
                         *count += 1;
                     }
                 }

@@ -63,8 +63,7 @@ impl Events {
 
     /// Keeps another one, in place of the last one of this subject if that is not long ago.
     pub fn renew(&mut self, subject: Subject, frame: u64, sentence: impl Into<String>) {
-        let is_near =
-            |event: &Event| event.subject == subject && event.frame + SAME_EVENT_FRAMES >= frame;
+        let is_near = |event: &Event| event.subject == subject && event.frame + SAME_EVENT_FRAMES >= frame;
         if let Some(last) = self.0.iter_mut().rev().find(|event| is_near(event)) {
             *last = Event { subject, frame, sentence: sentence.into() };
             return;

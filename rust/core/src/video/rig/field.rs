@@ -25,9 +25,8 @@ use crate::estimation::rows::{RowOffsets, SUSPICION};
 use crate::estimation::tracks::{Seed, Track};
 
 use crate::video::choices::{
-    ALIKE, CELL_COLUMNS, CELL_PLACES, CELL_ROWS, CUT_SPREADS, DAMPED, FIELD_CHANGES, FOLLOWED,
-    FOUND_SHARE, LEAST_BLOCKS, MOST_WEIGHT, MOVED_ERRORS, MOVED_FROM, ROW_TURNS, SEED_BORDER,
-    UNKNOWN_DEVIATIONS,
+    ALIKE, CELL_COLUMNS, CELL_PLACES, CELL_ROWS, CUT_SPREADS, DAMPED, FIELD_CHANGES, FOLLOWED, FOUND_SHARE,
+    LEAST_BLOCKS, MOST_WEIGHT, MOVED_ERRORS, MOVED_FROM, ROW_TURNS, SEED_BORDER, UNKNOWN_DEVIATIONS,
 };
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::linear::Normal;
@@ -84,8 +83,7 @@ impl FieldFilter {
             agreement: found.map_or((0, 0.0), |found| (found.blocks, found.spread)),
         };
 
-        let mut deviations: [f64; TERMS] =
-            from_fn(|term| UNKNOWN_DEVIATIONS[usize::from(term >= LINEAR)]);
+        let mut deviations: [f64; TERMS] = from_fn(|term| UNKNOWN_DEVIATIONS[usize::from(term >= LINEAR)]);
         if let Some(found) = found {
             all.value = *found.field.coefficients();
             let has_bend = all.value[LINEAR..].iter().any(|value| *value != 0.0);
@@ -163,9 +161,8 @@ impl FieldFilter {
     fn error_at(&self, places: impl Iterator<Item = (f64, f64)>) -> f64 {
         let variance = |(x, y)| -> f64 {
             let terms = terms(x, y);
-            let row = |row: usize| -> f64 {
-                (0..TERMS).map(|col| self.covariance[row][col] * terms[col]).sum()
-            };
+            let row =
+                |row: usize| -> f64 { (0..TERMS).map(|col| self.covariance[row][col] * terms[col]).sum() };
             (0..TERMS).map(|at| terms[at] * row(at)).sum()
         };
         let all: Vec<f64> = places.map(variance).collect();
@@ -258,8 +255,8 @@ fn is_covariance(matrix: &Covariance) -> bool {
     let divisors = deviations.map(|deviation| if deviation > 0.0 { deviation } else { 1.0 });
     let mut matrix: Covariance =
         from_fn(|row| from_fn(|col| matrix[row][col] / (divisors[row] * divisors[col])));
-    let is_symmetric = (0..TERMS)
-        .all(|row| (0..row).all(|col| (matrix[row][col] - matrix[col][row]).abs() <= ROUNDING));
+    let is_symmetric =
+        (0..TERMS).all(|row| (0..row).all(|col| (matrix[row][col] - matrix[col][row]).abs() <= ROUNDING));
     for (at, row) in matrix.iter_mut().enumerate() {
         row[at] += ROUNDING;
     }
@@ -289,13 +286,11 @@ pub fn seeds(
     let place = |step: u64| (turn.wrapping_mul(step) % CELL_PLACES as u64) as usize;
     let (along, down) = (place(7), place(11));
     let at = |cell: usize, place: usize, cells: usize, length: usize| {
-        SEED_BORDER
-            + (cell * CELL_PLACES + place) * (length - 2 * SEED_BORDER) / (cells * CELL_PLACES)
+        SEED_BORDER + (cell * CELL_PLACES + place) * (length - 2 * SEED_BORDER) / (cells * CELL_PLACES)
     };
 
     let mut seeds = vec![];
-    let (first, step) =
-        if has_all { (0, 1) } else { ((frame % ROW_TURNS as u64) as usize, ROW_TURNS) };
+    let (first, step) = if has_all { (0, 1) } else { ((frame % ROW_TURNS as u64) as usize, ROW_TURNS) };
     for row in (first..CELL_ROWS).step_by(step) {
         let y = at(row, down, CELL_ROWS, rows);
         let mut here = vec![];

@@ -107,9 +107,7 @@ impl Stopped {
         } else {
             let [one, other] = name(best);
             let (count, s) = (best.unsigned_abs(), if best.abs() == 1 { "" } else { "s" });
-            format!(
-                "the {one} camera is late by {count} frame{s}: it moves as the {other} one did before"
-            )
+            format!("the {one} camera is late by {count} frame{s}: it moves as the {other} one did before")
         })
     }
 
@@ -190,8 +188,7 @@ mod tests {
     #[test]
     fn a_camera_has_stopped_if_the_other_one_goes_on_alone() -> Result<()> {
         let mut stopped = Stopped::default();
-        let mut said =
-            |left, right| -> Result<Option<String>> { Ok(stopped.update(&frame(left, right)?)) };
+        let mut said = |left, right| -> Result<Option<String>> { Ok(stopped.update(&frame(left, right)?)) };
         for (left, right) in [(0, 0), (1, 1), (1, 1), (2, 2)] {
             assert_eq!(said(left, right)?, None);
         }

@@ -33,8 +33,8 @@ use rayon::prelude::*;
 
 use crate::video::choices::{
     AGREEING_GAINS, CHANGE_RATIO, CHANGE_STEP, DARK_BELOW, EVEN_GAIN, GAIN_STEP, LARGEST_SQUARE,
-    LEAST_GAIN_PLACES, LEAST_NOISE, MEAN_FRAMES, MOST_NOISE, NOISE_BLOCK, NOISE_BLOCKS,
-    NOISE_FACTOR, QUIET_DIVISOR, WHITE_FROM,
+    LEAST_GAIN_PLACES, LEAST_NOISE, MEAN_FRAMES, MOST_NOISE, NOISE_BLOCK, NOISE_BLOCKS, NOISE_FACTOR,
+    QUIET_DIVISOR, WHITE_FROM,
 };
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Result;
@@ -181,34 +181,27 @@ impl Changes {
     }
 
     /// Computes gray levels and excesses.
-    fn compare(
-        &mut self,
-        view: &View,
-        noise: f32,
-        gain: f32,
-        level: Level,
-        control: &Control,
-    ) -> Result<()> {
+    fn compare(&mut self, view: &View, noise: f32, gain: f32, level: Level, control: &Control) -> Result<()> {
         let Self { scale, mean, count, gray, excess, .. } = self;
         let (cols, image_cols) = (gray.cols(), view.size().1);
         let inside = excess.as_mut_slice().par_chunks_mut(cols + 2).skip(1);
         let rows = gray.as_mut_slice().par_chunks_mut(cols).zip(inside).enumerate();
 
-        let compare_row =
-            |row: &mut Result<Vec<f32>>, (y, (gray, excess)): (usize, (&mut [f32], &mut [f32]))| {
-                control.checkpoint()?;
+        let compare_row = |row: &mut Result<Vec<f32>>,
+                           (y, (gray, excess)): (usize, (&mut [f32], &mut [f32]))| {
+            control.checkpoint()?;
 
-                let row = row.as_mut().map_err(|error| error.clone())?;
-                scale.write(view, CHANGE_STEP * y, level, row);
-                for (gray, value) in gray.iter_mut().zip(row.iter().step_by(CHANGE_STEP)) {
-                    *gray = *value;
-                }
+            let row = row.as_mut().map_err(|error| error.clone())?;
+            scale.write(view, CHANGE_STEP * y, level, row);
+            for (gray, value) in gray.iter_mut().zip(row.iter().step_by(CHANGE_STEP)) {
+                *gray = *value;
+            }
 
-                let (mean, count) = (mean.row(y), count.row(y));
-                let out = &mut excess[1..=cols];
-                write_excess(level, gray, mean, count, 1.0 / noise, gain, out);
-                Ok(())
-            };
+            let (mean, count) = (mean.row(y), count.row(y));
+            let out = &mut excess[1..=cols];
+            write_excess(level, gray, mean, count, 1.0 / noise, gain, out);
+            Ok(())
+        };
         rows.try_for_each_init(|| zeroed(image_cols), compare_row)
     }
 }
@@ -296,8 +289,7 @@ pub fn noise(view: &View, scale: &Scale, level: Level, control: &Control) -> Res
     });
     let squares: Vec<_> = squares.collect::<Result<_>>()?;
 
-    let mut squares: Vec<f32> =
-        squares.into_iter().flatten().filter(|square| !square.is_nan()).collect();
+    let mut squares: Vec<f32> = squares.into_iter().flatten().filter(|square| !square.is_nan()).collect();
     let quiet = squares.len() / QUIET_DIVISOR;
     let square = ranked(&mut squares, quiet).unwrap_or(0.0);
     Ok((square * NOISE_FACTOR).clamp(LEAST_NOISE * LEAST_NOISE, MOST_NOISE * MOST_NOISE))

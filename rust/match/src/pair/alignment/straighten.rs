@@ -22,12 +22,7 @@ use crate::image::resampling::{CENTER, STEPS, TAPS, WEIGHT_BITS, weights};
 use crate::image::view::View;
 
 /// The straightened right view.
-pub fn straightened(
-    view: &View,
-    alignment: &Alignment,
-    level: Level,
-    control: &Control,
-) -> Result<View> {
+pub fn straightened(view: &View, alignment: &Alignment, level: Level, control: &Control) -> Result<View> {
     // Masked pixels must not spread over the taps.
     let source = view.filled_along_columns(TAPS);
     let (rows, cols) = view.size();
@@ -156,8 +151,7 @@ mod tests {
     #[test]
     fn whole_offsets_copy_rows() {
         let image = view((20, 5), None, |y, x| ((31 * y + 17 * x) % 23) as f64);
-        let found =
-            straightened(&image, &field(&[3.0], (20, 5)), Level::best(), &Control::default());
+        let found = straightened(&image, &field(&[3.0], (20, 5)), Level::best(), &Control::default());
 
         let found = found.expect("memory");
 
@@ -174,8 +168,7 @@ mod tests {
         let image = view((60, 40), None, |y, x| wave(y as f64, x as f64));
         let field = field(&[0.4, 1.5, -0.7], (60, 40));
 
-        let found =
-            straightened(&image, &field, Level::best(), &Control::default()).expect("memory");
+        let found = straightened(&image, &field, Level::best(), &Control::default()).expect("memory");
 
         for (y, x) in (10..50).flat_map(|y| (0..40).map(move |x| (y, x))) {
             let exact = wave(y as f64 + field.at(x as f64, y as f64), x as f64);
@@ -190,8 +183,7 @@ mod tests {
         // Other columns are far from the values of this one.
         let image = view((30, 4), Some(mask), |y, x| if x == 2 { y as f64 / 10.0 } else { 29.0 });
 
-        let found =
-            straightened(&image, &field(&[0.5], (30, 4)), Level::best(), &Control::default());
+        let found = straightened(&image, &field(&[0.5], (30, 4)), Level::best(), &Control::default());
         let found = found.expect("memory");
         let mask = found.mask().expect("there is one");
         assert!((0..30).all(|y| !mask.row(y)[2] || value(&found, y, 2) < 3.5));

@@ -69,14 +69,10 @@ mod tests {
     fn means_are_those_of_many_places() {
         let factors = std::array::from_fn(|knot| ((7 * knot) % 5) as f64);
         let (from, to) = (0.21, 0.34);
-        let mean: f64 = (0..1000)
-            .map(|i| at(&factors, from + (f64::from(i) + 0.5) / 1000.0 * (to - from)))
-            .sum();
-        let found: f64 = mean_weights(from, to)
-            .iter()
-            .zip(factors)
-            .map(|(weight, factor)| weight * factor)
-            .sum();
+        let mean: f64 =
+            (0..1000).map(|i| at(&factors, from + (f64::from(i) + 0.5) / 1000.0 * (to - from))).sum();
+        let found: f64 =
+            mean_weights(from, to).iter().zip(factors).map(|(weight, factor)| weight * factor).sum();
         assert!((found - mean / 1000.0).abs() < 0.02);
     }
 }

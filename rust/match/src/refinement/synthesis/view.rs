@@ -129,8 +129,8 @@ impl<'a> SoftView<'a> {
         let rows = band.within(REACH);
         let wide = self.columns.len() + 2 * REACH;
         let mut distances = Plane::new(band.rows.len() + 2 * REACH, wide)?;
-        let columns = self.columns.start.saturating_sub(REACH)
-            ..(self.columns.end + REACH).min(self.around.end);
+        let columns =
+            self.columns.start.saturating_sub(REACH)..(self.columns.end + REACH).min(self.around.end);
         let above = REACH - (band.rows.start - rows.start);
         let left = REACH - (self.columns.start - columns.start);
 
