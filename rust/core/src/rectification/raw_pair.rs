@@ -8,7 +8,8 @@
 //! accept, if the cameras explain the rows: the rows of blocks were LEAST_RATIO times what the cameras leave of them, and the
 //!                  cameras have evidence over the field; lenses that distort need none
 //!                  and small copies of the rectified pair match about as well;
-//!         or if these match much better
+//!         or if these match much better;
+//!         but not if rows differ by less than one image is softer than the other
 //! ```
 //!
 //! Where rows are not tried but are off, the axis alone is looked at ([`super::axis`]).
@@ -23,6 +24,7 @@ use std::sync::Arc;
 
 use super::cameras::NUMBERS;
 use super::{Aim, Grays, Negative, Raw, Rectification, Refusal, gray, rectify, shown_axis, warp};
+use crate::estimation::blur::Blur;
 use crate::estimation::facts::{Facts, INDEPENDENT, SUFFICIENT, evidence};
 use crate::estimation::{Estimates, complete};
 use phasestereo_match::base::control::Control;
@@ -121,7 +123,7 @@ fn attempt(
     let negative = if facts.candidates.is_none() { Negative::Moved } else { Negative::Kept };
     let aim = Aim { negative, is_only_if_needed: true };
     let rectification = match rectified_at_some_size(&grays, aim, runtime)? {
-        Ok(found) if found.rows >= LEAST_ROWS => found,
+        Ok(found) if found.rows >= LEAST_ROWS.max(softness(before)) => found,
         Ok(_) | Err(Refusal::NotNeeded) => return Ok(Attempt::None),
         // What differs from row to row differs among corners, too, whatever their distance.
         Err(Refusal::Axis(_)) if before.sways() => return Ok(Attempt::None),
@@ -182,6 +184,13 @@ fn is_off(estimates: &Estimates) -> bool {
 /// Whether rows are bent as by lenses that distort.
 fn is_distorted(estimates: &Estimates) -> bool {
     estimates.offsets.as_ref().is_some_and(|found| found.distortion().is_some())
+}
+
+/// The standard deviation of the blur that most of one image has more than the other, pixels: blocks of such
+/// images are off by a share of it, which cameras would explain, too.
+fn softness(estimates: &Estimates) -> f64 {
+    let blurs = estimates.blur.as_ref().map_or(&[][..], |blur| &blur.blurs);
+    blurs.first().map_or(0.0, Blur::spread)
 }
 
 /// Whether blocks show that rows correspond well enough to be left to alignment.
