@@ -139,7 +139,12 @@ def test_a_value_of_another_type_is_refused_with_its_name(
                 taken.append((field, new))
 
     assert {field for field, new in taken if new == ""} <= {"topic", "sentence"}
-    assert {field for field, new in taken if new == []} <= {"findings", "left_out", "sway"}
+    assert {field for field, new in taken if new == []} <= {
+        "findings",
+        "left_out",
+        "overlays",
+        "sway",
+    }
     assert [field for field, new in taken if new in ({}, [None])] == []
 
 
