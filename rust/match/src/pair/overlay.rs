@@ -3,7 +3,7 @@
 //!
 //! Sharp steps along the rows that are in both images at the same place count, and one side of which, at
 //! least, is equal; what stands in one of the images only, or moves from one to the other, has none. Those of
-//! an overlay are close to each other. Cells of [`CELL`] pixels with many of them are joined to areas, and an
+//! an overlay are close to each other. Cells of `CELL` pixels with many of them are joined to areas, and an
 //! area is an overlay if
 //!
 //! ```text
