@@ -88,8 +88,8 @@ def match(
         bool (H, W) of the image's own size, True = valid. A masked pixel neither supports others
         nor is estimated, and what it holds has no effect. None: all are valid. Masked in any case
         are: NaN in an image of floats, an alpha of 0, what a masked array of NumPy masks, the "no
-        data" of a GeoTIFF file, black borders, and what is burnt in at the same place of both
-        images, on which findings report.
+        data" of a GeoTIFF file, black borders, and overlays such as clocks and logos, on which
+        findings report.
     progress
         Called as ``progress(rows_done, rows)`` every now and then from the calling thread; what it
         raises ends the match.

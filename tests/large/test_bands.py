@@ -169,7 +169,7 @@ def test_black_borders_of_parts_are_those_of_the_whole(tmp_path: Path) -> None:
         assert_rows(found, whole, first, last)
 
 
-def test_what_is_burnt_in_is_masked_in_parts_as_in_the_whole(tmp_path: Path) -> None:
+def test_overlays_are_masked_in_parts_as_in_the_whole(tmp_path: Path) -> None:
     rng = np.random.default_rng(2)
     layers = [ndimage.gaussian_filter(rng.normal(size=(200, 320)), sigma) for sigma in (1, 3, 8)]
     texture = 110 + 12 * sum(layer / layer.std() for layer in layers)

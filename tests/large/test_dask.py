@@ -213,7 +213,7 @@ def test_all_is_read_once_at_the_call_if_nothing_need_be_known() -> None:
     left = Watched(LEFT)
     plain = FAST | {"adaptive_p2": 0}
     found = lazily.match(da.from_array(left, chunks=(10, -1, -1)), lazy(RIGHT), **plain)
-    # For black borders, and for what is burnt in.
+    # For black borders, and for overlays.
     parts = [rows for rows in left.read if rows != (0, 1)]
     assert set(parts) == {(top, min(top + 10, HEIGHT)) for top in range(0, HEIGHT, 10)}
     assert len(parts) <= 2 * (HEIGHT // 10 + 1)

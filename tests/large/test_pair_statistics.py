@@ -168,7 +168,7 @@ def test_what_is_given_is_not_looked_for() -> None:
 
     read.asked.clear()
     assert gathered(read, known=ps.Known(noise=1.0), preset="fast", adaptive_p2=0).blur is None
-    # For black borders, and for what is burnt in.
+    # For black borders, and for overlays.
     assert read.asked == [(0, 1)] + 2 * [(0, SIZE[0])]
 
 
@@ -196,7 +196,7 @@ PLAIN = {"preset": "fast", "adaptive_p2": 0}
 def test_no_more_is_read_than_needed(options: dict[str, Any], dtype: str, passes: int) -> None:
     read = scene(dtype=dtype)
     gathered(read, **options)
-    # Black borders, and what is burnt in, are looked for in any case.
+    # Black borders and overlays are looked for in any case.
     assert read.asked == [(0, 1)] + (2 + passes) * [(0, SIZE[0])]
 
 
@@ -204,7 +204,7 @@ def test_large_pairs_are_read_some_rows_at_a_time() -> None:
     image = RNG.integers(0, 12, (130, 70_000), np.uint8)
     read = Reading(image, image)
     statistics = gathered(read, preset="paper", confidence=False, adaptive_p2=1.0)
-    # Black borders, what is burnt in, and what the setting needs.
+    # Black borders, overlays, and what the setting needs.
     assert read.asked == [(0, 1)] + 3 * [(0, 59), (59, 118), (118, 130)]
     jumps = np.abs(np.diff(image.astype(int), axis=1))
     assert statistics.roughness == (jumps.sum(), jumps.size)

@@ -1,4 +1,4 @@
-"""What is burnt in at the same place of both images is found, masked and said; nothing else is."""
+"""Overlays are found, masked and reported; scenes are not."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import phasestereo as ps
 from phasestereo_bench.datasets import find_scene
 
 CLOCK = "2026-11-27 12:00:01 CAM"
-SAID = "show the same in both images"
+SAID = "an overlay, such as a clock or a logo, covers"
 ROWS, COLS, DISPARITY = 240, 360, 20
 
 
@@ -58,7 +58,7 @@ def test_a_clock_is_masked_and_said(dtype: str) -> None:
     assert masked.mean() < 0.16
     rows, columns = np.flatnonzero(masked.any(1)), np.flatnonzero(masked.any(0))
     assert sentence.startswith(
-        f"columns {columns[0]} to {columns[-1] + 1}, rows {rows[0]} to {rows[-1] + 1} {SAID}"
+        f"{SAID} columns {columns[0]} to {columns[-1] + 1}, rows {rows[0]} to {rows[-1] + 1} of both"
     )
     assert found.search is not None
     assert found.search.low > DISPARITY / 2
@@ -76,7 +76,7 @@ def test_what_matches_is_that_of_the_pair_with_this_mask() -> None:
         np.testing.assert_array_equal(values, told.maps[which])
 
 
-def test_the_same_in_a_scene_is_not_burnt_in() -> None:
+def test_the_same_letters_in_the_scene_are_not_an_overlay() -> None:
     left, right = scene()
     assert said(ps.check(left, right).findings) == []
     # One image alone; in the scene, at its disparity; a scene that is all at disparity 0.

@@ -71,7 +71,7 @@ def pair_statistics(
         through two or three times, of 16 bits once more, for the blur and the noise
         (``compensate_blur``, ``despike``, ``denoise`` or ``noise_threshold > 0``), a few times for
         the rows (``align_rows``), once for the range (``num_disparities=None``), once for findings,
-        once for what is burnt in, once for black borders, three times where there may be some, once
+        once for overlays, once for black borders, three times where there may be some, once
         for ``adaptive_p2``, ``synthesis``, ``guided_median`` or confidences, once for float images,
         once where all values may fit a narrower type or all channels be equal. Where there are
         confidences, some rows are matched: all up to 768, otherwise three bands of 96 and their
@@ -353,7 +353,7 @@ class Checked:
         return inside & (x >= left[first:last, None]) & (x < cols - right[first:last, None])
 
     def _without_overlays(self, first: int, last: int) -> Mask | None:
-        """Return a mask of the pixels of some rows where nothing is burnt in."""
+        """Return a mask of the pixels of some rows that no overlay covers."""
         if not self.overlays:
             return None
         mask = np.ones((last - first, self.size[1]), bool)

@@ -108,7 +108,7 @@ def maps(
     What must be known of the whole pair (its blur and noise, the range of float images) is found
     out **at the call**, window by window, unless it is in ``statistics``: then every pixel is
     computed up to four times now and once by the tasks. With ``preset="fast"`` and integer images
-    those of the left one are once more; all rows are twice, for black borders and what is burnt in.
+    those of the left one are once more; all rows are twice, for black borders and overlays.
 
     Parameters
     ----------

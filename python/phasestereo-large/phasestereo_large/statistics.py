@@ -72,8 +72,8 @@ class PairStatistics:
         runs from the top and from the bottom, by column, then from the left and from the right, by
         row, uint32. None: the images have no borders.
     overlays
-        What is burnt in at the same place of both images, which is masked: of each rectangle the
-        first row and that after the last one, then the same of its columns.
+        Overlays of both images, such as clocks, which are masked: of each rectangle the first row
+        and that after the last one, then the same of its columns.
     findings
         What there is to say about the pair, as `phasestereo.check` says it.
     roughness

@@ -99,7 +99,7 @@ impl Pair {
     }
 
     /// A pair of any two images: the right one is brought to the size of the left one, and its pixels to the
-    /// unit of those. Black borders are masked, and what is burnt in at the same place of both.
+    /// unit of those. Black borders and overlays are masked.
     pub fn of_any([left, right]: [Input; 2], min_disparity: i64, num_disparities: i64) -> Result<Self> {
         left.check("left")?;
         right.check("right")?;
@@ -130,7 +130,7 @@ impl Pair {
         self.borders
     }
 
-    /// The pair without what is burnt in at the same place of both images, which is masked.
+    /// The pair with its overlays masked.
     fn without_overlays(self) -> Result<Self> {
         let overlays = overlays(&self, &Control::default())?;
         if overlays.is_empty() {
@@ -143,7 +143,7 @@ impl Pair {
         Ok(Self { left, right, overlays, ..self })
     }
 
-    /// What is burnt in at the same place of both images as they came, and masked.
+    /// The overlays of the images as they came, which are masked.
     pub fn overlays(&self) -> &[Overlay] {
         &self.overlays
     }

@@ -383,13 +383,23 @@ fn find_scale(
     check(first.each_ref())?;
 
     let reader = Reader::new(read, size, search, &Scale::default())?;
-    let source = Arc::clone(&reader);
-    let found = supervised(py, &Pool::new(1)?, size.0, None, move |runtime| {
+    let found = found_by_rows(py, size, &reader, move |source, runtime| {
         let read = |rows| source.inputs(rows);
-        source::conversions(first.each_ref(), &*source, read, runtime.control)
+        source::conversions(first.each_ref(), source, read, runtime.control)
     });
+    Ok(found?.into())
+}
 
-    Ok(found.map_err(|failure| reader.reason(failure))?.into())
+/// What is found out about a pair of this size by reading it on one thread.
+fn found_by_rows<T: Send + 'static>(
+    py: Python<'_>,
+    size: (usize, usize),
+    reader: &Arc<Reader>,
+    work: impl FnOnce(&Reader, Runtime<'_>) -> phasestereo::Result<T> + Send + 'static,
+) -> Result<T> {
+    let source = Arc::clone(reader);
+    let found = supervised(py, &Pool::new(1)?, size.0, None, move |runtime| work(&source, runtime));
+    found.map_err(|failure| reader.reason(failure))
 }
 
 /// The share of the black border of an image, and its runs.
@@ -405,9 +415,8 @@ fn find_borders<'py>(
     disparities: Both<'py>,
 ) -> Result<Vec<Side<'py>>> {
     let reader = Reader::new(read, size, read_search(&disparities)?, &Scale::default())?;
-    let source = Arc::clone(&reader);
-    let found = supervised(py, &Pool::new(1)?, size.0, None, move |runtime| {
-        let bands: Vec<_> = source::bands(&*source).collect();
+    let found = found_by_rows(py, size, &reader, move |source, runtime| {
+        let bands: Vec<_> = source::bands(source).collect();
         border::of_rows(size, &bands, |rows| {
             runtime.control.checkpoint()?;
             source.inputs(rows)
@@ -416,11 +425,11 @@ fn find_borders<'py>(
     let of_side = |found: Option<(border::Border, f64)>| {
         found.map_or((0.0, None), |(border, share)| (share, Some(border.runs.concat().into_pyarray(py))))
     };
-    Ok(found.map_err(|failure| reader.reason(failure))?.map(of_side).into())
+    Ok(found?.map(of_side).into())
 }
 
-/// What is burnt in at the same place of both images of a pair that is read by rows: the first row and that
-/// after the last one, and the same of columns.
+/// The overlays of a pair that is read by rows: of each the first row and that after the last one, and the same
+/// of its columns.
 #[pyfunction]
 fn find_overlays(
     py: Python<'_>,
@@ -430,12 +439,9 @@ fn find_overlays(
     scale: &Scale,
 ) -> Result<Vec<(usize, usize, usize, usize)>> {
     let reader = Reader::new(read, size, read_search(&disparities)?, scale)?;
-    let source = Arc::clone(&reader);
-    let found = supervised(py, &Pool::new(1)?, size.0, None, move |runtime| {
-        overlay::overlays(&*source, runtime.control)
-    });
+    let found =
+        found_by_rows(py, size, &reader, |source, runtime| overlay::overlays(source, runtime.control))?;
     let of_one = |Overlay { rows, columns }: Overlay| (rows.start, rows.end, columns.start, columns.end);
-    let found = found.map_err(|failure| reader.reason(failure))?;
     Ok(found.into_iter().map(of_one).collect())
 }
 
@@ -450,12 +456,10 @@ fn find_roughness(
     impulses: f64,
 ) -> Result<(u64, u64)> {
     let reader = Reader::new(read, size, read_search(&disparities)?, scale)?;
-    let source = Arc::clone(&reader);
-    let found = supervised(py, &Pool::new(1)?, size.0, None, move |runtime| {
-        source::roughness(&*source, impulses, runtime.execution.level, runtime.control)
+    let found = found_by_rows(py, size, &reader, move |source, runtime| {
+        source::roughness(source, impulses, runtime.execution.level, runtime.control)
     });
-
-    let Roughness { sum, pairs } = found.map_err(|failure| reader.reason(failure))?;
+    let Roughness { sum, pairs } = found?;
     Ok((sum, pairs))
 }
 

@@ -37,7 +37,7 @@ pub struct Estimates {
     pub(crate) seen: Option<Arc<Seen>>,
     /// Shares of the left and of the right image that are black borders, which are masked.
     pub borders: [f64; 2],
-    /// What is burnt in at the same place of both images, which is masked.
+    /// Overlays of both images, such as clocks, which are masked.
     pub overlays: Vec<Overlay>,
     /// The range of disparities, if it was to be estimated, or the known one matches badly.
     pub range: Option<SearchRange>,

@@ -140,8 +140,8 @@ table! {
         cause("interlaced fields", 0.0);
     Border, Note, borders(known), "a black border, {0} of {1}, shows nothing and is not matched";
     Border, Note, overlaid(known),
-        "columns {0}, rows {1} show the same in both images, as a clock or a logo that is burnt in, and are not matched",
-        remedy("mask them yourself if more belongs to it");
+        "an overlay, such as a clock or a logo, covers columns {0}, rows {1} of both images, and is not matched",
+        remedy("mask it yourself if it is larger");
 }
 
 /// The estimates of a pair in memory with their findings.
@@ -333,7 +333,7 @@ fn borders(known: &Known) -> Vec<Measured> {
     sides.flat_map(of_side).collect()
 }
 
-/// The rectangles that are masked since something is burnt in there.
+/// The rectangles of overlays, which are masked.
 fn overlaid(known: &Known) -> Vec<Measured> {
     let place = |Overlay { rows, columns }: &Overlay| {
         value(0.0, [span(columns.start, columns.end), span(rows.start, rows.end)])

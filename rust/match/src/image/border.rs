@@ -25,7 +25,7 @@ use std::ops::Range;
 
 use crate::base::error::Result;
 use crate::base::plane::{Plane, reserve, zeroed};
-use crate::choices::{LEAST_BORDER, LEAST_BORDERED, RAGGED_BORDER, RIM, RIM_LEVELS, SHORTEST_BORDER};
+use crate::choices::{LEAST_BORDER, LEAST_MASKED, RAGGED_BORDER, RIM, RIM_LEVELS, SHORTEST_BORDER};
 use crate::image::masking::Mask;
 use crate::image::pixels::{Image, Input};
 
@@ -135,7 +135,7 @@ impl BorderScan {
         });
 
         // Most images have no border, and end here.
-        if rows.min(cols) < LEAST_BORDERED {
+        if rows.min(cols) < LEAST_MASKED {
             return None;
         }
         let most: u64 = runs.iter().flatten().map(|run| u64::from(*run)).sum();

@@ -1,24 +1,23 @@
-//! What is burnt into both images at the same place: clocks, captions, logos. It belongs to no scene, and
-//! matches at disparity 0.
+//! Overlays: clocks, captions and logos that a camera or a recorder has burned into both images at the same
+//! pixels. They are not part of the scene, and match at disparity 0.
 //!
-//! Sharp steps along the rows that are in both images at the same place count, and one side of which, at
-//! least, is equal; what stands in one of the images only, or moves from one to the other, has none. Those of
-//! an overlay are close to each other. Cells of `CELL` pixels with many of them are joined to areas, and an
-//! area is an overlay if
+//! An overlay is seen by its edges. Along the rows, a sharp edge counts if both images have it at the same
+//! pixels, with the same sign, and the gray values on one side of it, at least, are equal. Cells of
+//! `OVERLAY_CELL` pixels that have many such edges, and are close to each other, form an area. An area is an
+//! overlay if
 //!
 //! ```text
-//! steps >= CLEAR_STEPS chance,  steps log2(steps / chance) - (steps - chance) / ln 2 >= CERTAIN_STEPS
-//!     chance = the most at other rows, or of the same ones with both sides equal at another disparity: what is
-//!              of the scene is found there
-//! share of steps with a side in one of COLORS gray levels >= PAINTED, more if fewer than OUTLINE are equal
-//!     on one side alone: a thing of its own has other things beside it, a box around letters is plain
+//! edges >= CLEAR_EDGES chance,  edges log2(edges / chance) - (edges - chance) / ln 2 >= CERTAIN_EDGES
+//!     chance = the most edges of this kind that the area has when the right image is some rows off, or how many
+//!              of its edges are equal on both sides at another disparity: edges of the scene are found there
+//! share of edges with a side in one of OVERLAY_COLORS gray levels >= LEAST_PAINTED, which is higher if fewer than
+//!     LEAST_OUTLINE of them are equal on one side alone: around letters is the scene, a box around them is plain
 //! beside(d) >= CERTAIN_BESIDE for a disparity d,  beside(0) <= beside(d) / ELSEWHERE
-//!     beside(d) = n (1 - H(share of equal signs)) bits of the n other steps among and around it, however faint,
-//!                 that both images have at disparity d: what lies around it is elsewhere
+//!     beside(d) = n (1 - H(share of equal signs)) bits of the n other edges among and around those of the area,
+//!                 however faint, that both images have at disparity d: the scene around it is not at 0
 //! ```
 //!
-//! The last keeps what is far away, and is at disparity 0, where so is all that lies around it: a thing farther
-//! than all others hides none of them.
+//! The last test keeps scenery at infinity: its surroundings are at disparity 0, too.
 
 use std::f64::consts::LN_2;
 use std::ops::Range;
@@ -29,27 +28,14 @@ use crate::base::math;
 use crate::base::plane::Plane;
 use crate::base::simd::{Level, leveled};
 use crate::choices::{
-    CERTAIN_BESIDE, CERTAIN_STEPS, CLEAR_STEPS, COLOR, COLORS, ELSEWHERE, EQUAL, FAINT, LEAST_BORDERED,
-    LEAST_STEPS, MOST_OVERLAID, OUTLINE, PAINTED, SHARP,
+    CELLS_AROUND, CERTAIN_BESIDE, CERTAIN_EDGES, CLEAR_EDGES, COLOR_LEVELS, EDGE_MARGIN, EDGE_WIDTH,
+    ELSEWHERE, EQUAL_LEVELS, FAINT_EDGE, JOINED_CELLS, LEAST_EDGES, LEAST_MASKED, LEAST_OUTLINE,
+    LEAST_PAINTED, MOST_OVERLAID, OVERLAY_CELL, OVERLAY_COLORS, OVERLAY_REACH, ROWS_OFF, SHARP_EDGE,
 };
 use crate::image::view::{Mask, View};
 use crate::pair::source::{Source, bands, widened};
 
-/// Side of a cell, pixels: that of the blocks of JPEG.
-const CELL: usize = 8;
-/// Columns from one side of a step to the other: the edge of a letter is softened over one between them.
-const ACROSS: usize = 2;
-/// Rows and columns of cells at which two of them still belong to one area.
-const JOINED: (usize, usize) = (3, 5);
-/// Rows that are off, where an area has no more equal steps than by chance.
-const OFF: [isize; 4] = [-24, -12, 12, 24];
-/// Cells around an area in which the scene is looked for.
-const AROUND: usize = 3;
-/// Rows and columns beside a step of both images whose own steps may belong to it.
-const BESIDE: (usize, usize) = (1, 3);
-/// One in how many columns is the largest disparity that is tried, on either side.
-const REACH: usize = 4;
-/// What stands for a step that is equal on both sides, where 1 is one that is on one.
+/// What stands for an edge that is equal on both sides, where 1 is one that is on one.
 const BOTH: u8 = 16;
 /// Values of gray levels of 8 bits.
 const LEVELS: usize = 256;
@@ -63,18 +49,7 @@ pub struct Overlay {
     pub columns: Range<usize>,
 }
 
-/// Steps of one place in both images.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Step {
-    /// Not sharp, not at the same place, or unlike on both sides.
-    None,
-    /// Equal on one side: the first or the second.
-    One(bool),
-    /// Equal on both.
-    Both,
-}
-
-/// What steps of both images are measured in.
+/// What edges of both images are measured in.
 #[derive(Debug, Clone, Copy)]
 struct Units {
     /// Gray steps of a level.
@@ -82,7 +57,7 @@ struct Units {
     least: i32,
 }
 
-/// Equal steps of cells: on one side, and on both.
+/// Numbers of edges of cells: equal on one side, and on both.
 struct Counts {
     size: (usize, usize),
     one: Vec<u16>,
@@ -114,71 +89,50 @@ impl Units {
         ((gray - self.least) / self.level).clamp(0, LEVELS as i32 - 1) as usize
     }
 
-    /// The steps from two pixels to two others.
+    /// Whether both images have a sharp edge between two pixels each, and which of its sides are equal.
     #[inline(always)]
-    fn step(self, left: [i32; 2], right: [i32; 2]) -> Step {
+    fn equal_sides(self, left: [i32; 2], right: [i32; 2]) -> [bool; 2] {
         let (of_left, of_right) = (left[1] - left[0], right[1] - right[0]);
         let height = of_left.abs().min(of_right.abs());
-        if height < SHARP * self.level || (of_left ^ of_right) < 0 {
-            return Step::None;
-        }
-        let most = (height >> 3).max(EQUAL * self.level);
-        let is_equal = [0, 1].map(|side| (left[side] - right[side]).abs() <= most);
-        match is_equal {
-            [true, true] => Step::Both,
-            [false, false] => Step::None,
-            [first, _] => Step::One(!first),
-        }
+        let is_sharp = (height >= SHARP_EDGE * self.level) & ((of_left ^ of_right) >= 0);
+        let most = (height >> 3).max(EQUAL_LEVELS * self.level);
+        [0, 1].map(|side| is_sharp & ((left[side] - right[side]).abs() <= most))
     }
 }
 
 impl Counts {
     fn new((rows, cols): (usize, usize)) -> Self {
-        let size = (rows / CELL, cols / CELL);
+        let size = (rows / OVERLAY_CELL, cols / OVERLAY_CELL);
         Self { size, one: vec![0; size.0 * size.1], both: vec![0; size.0 * size.1] }
     }
 
-    /// Counts the steps of rows from `first` on.
+    /// Counts the edges of rows from `first` on.
     fn add(&mut self, views: [&View; 2], first: usize, units: Units) {
-        let is_masked = views.iter().any(|view| view.mask().is_some());
-        let rows = (self.size.0 * CELL).saturating_sub(first).min(views[0].size().0);
-        let mut kinds = vec![0; views[0].size().1];
+        let (height, cols) = views[0].size();
+        let rows = (self.size.0 * OVERLAY_CELL).saturating_sub(first).min(height);
+        let mut kinds = vec![0; cols];
         for y in 0..rows {
-            if is_masked {
-                self.add_masked_row(views, y, first, units);
-            } else {
-                self.add_row(views.map(|view| view.gray().row(y)), first + y, units, &mut kinds);
+            let [left, right] = views.map(|view| view.gray().row(y));
+            find_kinds(Level::best(), &mut kinds, left, right, units);
+            for mask in views.iter().filter_map(|view| view.mask()) {
+                let ends = mask.row(y).iter().zip(&mask.row(y)[cols.min(EDGE_WIDTH)..]);
+                let invalid =
+                    kinds.iter_mut().zip(ends).filter(|(_, (first, second))| !(**first && **second));
+                invalid.for_each(|(kind, _)| *kind = 0);
+            }
+
+            let cells = (first + y) / OVERLAY_CELL * self.size.1..;
+            let counts = self.one[cells.clone()].iter_mut().zip(&mut self.both[cells]);
+            for ((one, both), kinds) in counts.zip(kinds.as_chunks::<OVERLAY_CELL>().0) {
+                // No sum of eight is more than a half byte holds.
+                let sum: u8 = kinds.iter().sum();
+                *one += u16::from(sum % BOTH);
+                *both += u16::from(sum / BOTH);
             }
         }
     }
 
-    /// Counts the steps between valid pixels of a row.
-    fn add_masked_row(&mut self, views: [&View; 2], y: usize, first: usize, units: Units) {
-        for x in 0..self.size.1 * CELL {
-            let at = (first + y) / CELL * self.size.1 + x / CELL;
-            match step_of(views, [y, y], [x, x], units) {
-                Step::None => {}
-                Step::One(_) => self.one[at] += 1,
-                Step::Both => self.both[at] += 1,
-            }
-        }
-    }
-
-    /// The same where all pixels are valid; `kinds` has room for its columns.
-    fn add_row(&mut self, rows: [&[i32]; 2], y: usize, units: Units, kinds: &mut [u8]) {
-        let [left, right] = rows;
-        find_kinds(Level::best(), kinds, left, right, units);
-        let cells = y / CELL * self.size.1..;
-        let counts = self.one[cells.clone()].iter_mut().zip(&mut self.both[cells]);
-        for ((one, both), kinds) in counts.zip(kinds.as_chunks::<CELL>().0) {
-            // No sum of eight is more than a half byte holds.
-            let sum: u8 = kinds.iter().sum();
-            *one += u16::from(sum % BOTH);
-            *both += u16::from(sum / BOTH);
-        }
-    }
-
-    /// Of each cell the most of squares of four cells, all steps of these.
+    /// Of each cell the largest sum over a square of four cells that holds it.
     fn squares(&self, count: impl Fn(usize) -> u32) -> Vec<u32> {
         let (rows, cols) = self.size;
         let mut most = vec![0; rows * cols];
@@ -193,16 +147,16 @@ impl Counts {
         most
     }
 
-    /// The areas with many steps, how many of these are equal on one side, and how many there are.
+    /// The areas with many edges, how many of these are equal on one side alone, and how many there are.
     fn areas(&self) -> Vec<(Area, [u32; 2])> {
         let of_one = |at: usize| u32::from(self.one[at]);
-        if self.squares(of_one).iter().all(|most| *most < LEAST_STEPS) {
+        if self.squares(of_one).iter().all(|most| *most < LEAST_EDGES) {
             return vec![];
         }
         let of_all = |at: usize| of_one(at) + u32::from(self.both[at]);
         let squares = self.squares(of_all);
         let mut is_open: Vec<bool> =
-            (0..squares.len()).map(|at| squares[at] >= LEAST_STEPS && of_all(at) > 0).collect();
+            (0..squares.len()).map(|at| squares[at] >= LEAST_EDGES && of_all(at) > 0).collect();
 
         let (rows, cols) = self.size;
         let mut areas = vec![];
@@ -215,8 +169,8 @@ impl Counts {
             let mut next = 0;
             while let Some((y, x)) = area.get(next).copied() {
                 next += 1;
-                let columns = x.saturating_sub(JOINED.1)..(x + JOINED.1 + 1).min(cols);
-                for y in y.saturating_sub(JOINED.0)..(y + JOINED.0 + 1).min(rows) {
+                let columns = x.saturating_sub(JOINED_CELLS.1)..(x + JOINED_CELLS.1 + 1).min(cols);
+                for y in y.saturating_sub(JOINED_CELLS.0)..(y + JOINED_CELLS.0 + 1).min(rows) {
                     for x in columns.clone().filter(|x| is_open[y * cols + x]) {
                         area.push((y, x));
                     }
@@ -228,8 +182,8 @@ impl Counts {
                 |count: &dyn Fn(usize) -> u32| -> u32 { area.iter().map(|(y, x)| count(y * cols + x)).sum() };
             let overlay = rectangle(&area);
             let size = overlay.rows.len() * overlay.columns.len();
-            let is_small = size as f64 <= MOST_OVERLAID * (rows * cols * CELL * CELL) as f64;
-            if of_area(&of_one) >= LEAST_STEPS && is_small {
+            let is_small = size as f64 <= MOST_OVERLAID * (rows * cols * OVERLAY_CELL * OVERLAY_CELL) as f64;
+            if of_area(&of_one) >= LEAST_EDGES && is_small {
                 areas.push((area.clone(), [of_area(&of_one), of_area(&of_all)]));
             }
         }
@@ -238,66 +192,66 @@ impl Counts {
 }
 
 impl Part<'_> {
-    /// The steps of an area, with those `off` rows lower in the right image.
-    fn steps(&self, area: &Area, off: isize, mut visit: impl FnMut(Step, usize, usize)) {
+    /// Visits the edges of an area, with the right image `off` rows lower.
+    fn edges(&self, area: &Area, off: isize, mut visit: impl FnMut([bool; 2], usize, usize)) {
         let height = self.views[0].size().0;
         for (cell_y, cell_x) in area {
-            for y in cell_y * CELL..(cell_y + 1) * CELL {
+            for y in cell_y * OVERLAY_CELL..(cell_y + 1) * OVERLAY_CELL {
                 let here = y - self.first;
                 let Some(other) = here.checked_add_signed(off).filter(|y| *y < height) else {
                     continue;
                 };
-                for x in cell_x * CELL..(cell_x + 1) * CELL {
-                    visit(step_of(self.views, [here, other], [x, x], self.units), here, x);
+                for x in cell_x * OVERLAY_CELL..(cell_x + 1) * OVERLAY_CELL {
+                    visit(equal_sides(self.views, [here, other], [x, x], self.units), here, x);
                 }
             }
         }
     }
 
-    /// How many of the steps of an area there would be by chance: the most at other rows, and of these that are
-    /// at another disparity, too, with both sides equal.
+    /// How many of the edges of an area there would be by chance: the most with other rows, and the most that are
+    /// equal on both sides at another disparity, too.
     fn chance(&self, area: &Area) -> u32 {
         let mut most = 1;
-        for off in OFF {
+        for off in ROWS_OFF {
             let mut count = 0;
-            self.steps(area, off, |step, _, _| count += u32::from(step != Step::None));
+            self.edges(area, off, |[first, second], _, _| count += u32::from(first | second));
             most = most.max(count);
         }
 
         let mut places = vec![];
-        self.steps(area, 0, |step, y, x| places.extend((step != Step::None).then_some((y, x))));
+        self.edges(area, 0, |[first, second], y, x| places.extend((first | second).then_some((y, x))));
         for disparity in disparities(self.views[0].size().1).filter(|disparity| *disparity != 0) {
             let is_there = |(y, x): &(usize, usize)| {
                 let at = x.checked_add_signed(-disparity);
-                at.is_some_and(|at| step_of(self.views, [*y; 2], [*x, at], self.units) == Step::Both)
+                at.is_some_and(|at| equal_sides(self.views, [*y; 2], [*x, at], self.units) == [true; 2])
             };
             most = most.max(places.iter().filter(|place| is_there(place)).count() as u32);
         }
         most
     }
 
-    /// The share of steps with a side in one of the few gray levels that most have.
+    /// The share of edges with a side in one of the few gray levels that most have.
     fn painted(&self, area: &Area) -> f64 {
         let mut sides: Vec<[usize; 2]> = vec![];
         let mut counts = [0u32; LEVELS];
-        self.steps(area, 0, |step, y, x| {
-            if step == Step::None {
+        self.edges(area, 0, |is_equal, y, x| {
+            if is_equal == [false; 2] {
                 return;
             }
             let row = self.views[0].gray().row(y);
-            let levels = [row[x], row[x + ACROSS]].map(|gray| self.units.level_of(gray));
-            match step {
-                Step::None => {}
-                Step::One(second) => sides.push([levels[usize::from(second)]; 2]),
-                Step::Both => sides.push(levels),
+            let levels = [row[x], row[x + EDGE_WIDTH]].map(|gray| self.units.level_of(gray));
+            for side in 0..2 {
+                counts[levels[side]] += u32::from(is_equal[side]);
             }
-            counts[levels[0]] += u32::from(step != Step::One(true));
-            counts[levels[1]] += u32::from(step != Step::One(false));
+            match is_equal {
+                [true, true] => sides.push(levels),
+                [is_first, _] => sides.push([levels[usize::from(!is_first)]; 2]),
+            }
         });
 
         let mut is_color = [false; LEVELS];
-        let near = |level: usize| level.saturating_sub(COLOR)..(level + COLOR + 1).min(LEVELS);
-        for _ in 0..COLORS {
+        let near = |level: usize| level.saturating_sub(COLOR_LEVELS)..(level + COLOR_LEVELS + 1).min(LEVELS);
+        for _ in 0..OVERLAY_COLORS {
             let sum = |level: usize| counts[near(level)].iter().sum::<u32>();
             let best = (0..LEVELS).rev().max_by_key(|level| sum(*level)).unwrap_or(0);
             is_color[near(best)].fill(true);
@@ -307,15 +261,15 @@ impl Part<'_> {
         painted.count() as f64 / sides.len().max(1) as f64
     }
 
-    /// Bits by which other steps among and around an area agree at disparity 0, and the most at another.
+    /// Bits by which other edges among and around those of an area agree at disparity 0, and the most at another.
     fn beside(&self, area: &Area, overlay: &Overlay) -> [f64; 2] {
         let cols = self.views[0].size().1;
-        let around = AROUND * CELL;
+        let around = CELLS_AROUND * OVERLAY_CELL;
         let columns = widened(&overlay.columns, around, cols);
         let mut is_around = Plane::from_fn(self.views[0].size().0, columns.len(), |_, _| false);
         for (cell_y, cell_x) in area {
-            let rows = widened(&(cell_y * CELL..(cell_y + 1) * CELL), around, usize::MAX);
-            let places = widened(&(cell_x * CELL..(cell_x + 1) * CELL), around, cols);
+            let rows = widened(&(cell_y * OVERLAY_CELL..(cell_y + 1) * OVERLAY_CELL), around, usize::MAX);
+            let places = widened(&(cell_x * OVERLAY_CELL..(cell_x + 1) * OVERLAY_CELL), around, cols);
             let places = places.start - columns.start..places.end - columns.start;
             for y in rows.start.max(self.first)..rows.end.min(self.first + is_around.rows()) {
                 is_around.row_mut(y - self.first)[places.clone()].fill(true);
@@ -325,9 +279,9 @@ impl Part<'_> {
         let (rows, level) = (self.views[0].size().0, self.units.level);
         let mut is_open = Plane::from_fn(rows, cols, |_, _| true);
         for (y, x) in (0..rows).flat_map(|y| (0..cols).map(move |x| (y, x))) {
-            if step_of(self.views, [y; 2], [x; 2], self.units) != Step::None {
-                let columns = widened(&(x..x + 1), BESIDE.1, cols);
-                for y in widened(&(y..y + 1), BESIDE.0, rows) {
+            if equal_sides(self.views, [y; 2], [x; 2], self.units) != [false; 2] {
+                let columns = widened(&(x..x + 1), EDGE_MARGIN.1, cols);
+                for y in widened(&(y..y + 1), EDGE_MARGIN.0, rows) {
                     is_open.row_mut(y)[columns.clone()].fill(false);
                 }
             }
@@ -354,12 +308,12 @@ impl Part<'_> {
         [agreeing(0), others.fold(0.0, f64::max)]
     }
 
-    /// Whether an area is an overlay; `steps`: those that are equal on one side, and all.
-    fn is_overlay(&self, area: &Area, steps: [u32; 2], overlay: &Overlay) -> bool {
-        let [own, steps] = steps.map(f64::from);
+    /// Whether an area is an overlay; `edges`: those that are equal on one side alone, and all.
+    fn is_overlay(&self, area: &Area, edges: [u32; 2], overlay: &Overlay) -> bool {
+        let [outline, edges] = edges.map(f64::from);
         let chance = f64::from(self.chance(area));
-        let painted = PAINTED[usize::from(own < OUTLINE * steps)];
-        if steps < CLEAR_STEPS * chance || !is_certain(steps, chance) || self.painted(area) < painted {
+        let painted = LEAST_PAINTED[usize::from(outline < LEAST_OUTLINE * edges)];
+        if edges < CLEAR_EDGES * chance || !is_certain(edges, chance) || self.painted(area) < painted {
             return false;
         }
         let [here, elsewhere] = self.beside(area, overlay);
@@ -367,27 +321,21 @@ impl Part<'_> {
     }
 }
 
-/// Finds the kinds of the steps of a row: 0, 1, or [`BOTH`].
+/// Finds the kinds of the edges of a row: 0, 1 if one side is equal, or [`BOTH`].
 #[leveled]
 fn find_kinds(level: Level, kinds: &mut [u8], left: &[i32], right: &[i32], units: Units) {
-    let left = left.iter().zip(&left[left.len().min(ACROSS)..]);
-    let right = right.iter().zip(&right[right.len().min(ACROSS)..]);
+    let left = left.iter().zip(&left[left.len().min(EDGE_WIDTH)..]);
+    let right = right.iter().zip(&right[right.len().min(EDGE_WIDTH)..]);
     for (kind, (left, right)) in kinds.iter_mut().zip(left.zip(right)) {
-        let (of_left, of_right) = (left.1 - left.0, right.1 - right.0);
-        let height = of_left.abs().min(of_right.abs());
-        let is_sharp = (height >= SHARP * units.level) & ((of_left ^ of_right) >= 0);
-        let most = (height >> 3).max(EQUAL * units.level);
-        let first = (left.0 - right.0).abs() <= most;
-        let second = (left.1 - right.1).abs() <= most;
-        let one = u8::from(is_sharp & (first ^ second));
-        *kind = one | (u8::from(is_sharp & first & second) * BOTH);
+        let [first, second] = units.equal_sides([*left.0, *left.1], [*right.0, *right.1]);
+        *kind = u8::from(first ^ second) | (u8::from(first & second) * BOTH);
     }
 }
 
 /// Finds the overlays of a pair.
 pub fn overlays(source: &dyn Source, control: &Control) -> Result<Vec<Overlay>> {
     let (height, cols) = source.size();
-    if height.min(cols) < LEAST_BORDERED {
+    if height.min(cols) < LEAST_MASKED {
         return Ok(vec![]);
     }
 
@@ -401,15 +349,15 @@ pub fn overlays(source: &dyn Source, control: &Control) -> Result<Vec<Overlay>> 
     }
 
     let mut found = vec![];
-    // Most have too few steps, even if chance has none.
+    // Most have too few edges, even if chance gives none.
     let many = counts.areas().into_iter().filter(|(_, [_, all])| is_certain((*all).into(), 1.0));
-    for (area, steps) in many {
+    for (area, edges) in many {
         let overlay = rectangle(&area);
-        let rows = widened(&overlay.rows, AROUND * CELL + BESIDE.0, height);
+        let rows = widened(&overlay.rows, CELLS_AROUND * OVERLAY_CELL + EDGE_MARGIN.0, height);
         let pair = source.rows(rows.clone())?;
         let Some(units) = Units::of(pair.views()) else { continue };
         let part = Part { views: pair.views(), first: rows.start, units };
-        if part.is_overlay(&area, steps, &overlay) {
+        if part.is_overlay(&area, edges, &overlay) {
             found.push(overlay);
         }
     }
@@ -426,14 +374,14 @@ pub fn mask(overlays: &[Overlay], view: &View) -> Mask {
     mask
 }
 
-/// Whether this many steps, of which there would be this many by chance, are not there by chance.
-fn is_certain(steps: f64, chance: f64) -> bool {
-    steps * math::ln(steps / chance) - (steps - chance) >= CERTAIN_STEPS * LN_2
+/// Whether a number of edges is not that by chance, where chance gives another on average.
+fn is_certain(edges: f64, chance: f64) -> bool {
+    edges * math::ln(edges / chance) - (edges - chance) >= CERTAIN_EDGES * LN_2
 }
 
 /// The disparities that are tried in images of this width.
 fn disparities(cols: usize) -> impl Iterator<Item = isize> {
-    let reach = (cols / REACH) as isize;
+    let reach = (cols / OVERLAY_REACH) as isize;
     -reach..=reach
 }
 
@@ -442,39 +390,35 @@ fn rectangle(area: &Area) -> Overlay {
     let around = |at: fn(&(usize, usize)) -> usize| {
         let (first, last) =
             area.iter().map(at).fold((usize::MAX, 0), |(first, last), at| (first.min(at), last.max(at)));
-        first * CELL..(last + 1) * CELL
+        first * OVERLAY_CELL..(last + 1) * OVERLAY_CELL
     };
     Overlay { rows: around(|(y, _)| *y), columns: around(|(_, x)| *x) }
 }
 
-/// The step at a row and a column of either image.
-fn step_of(views: [&View; 2], y: [usize; 2], x: [usize; 2], units: Units) -> Step {
-    let is_step = |side: usize| {
-        x[side] + ACROSS < views[side].size().1
-            && views[side].is_valid(y[side], x[side])
-            && views[side].is_valid(y[side], x[side] + ACROSS)
-    };
-    if !is_step(0) || !is_step(1) {
-        return Step::None;
-    }
-    let [left, right] = [0, 1].map(|side| {
-        let row = views[side].gray().row(y[side]);
-        [row[x[side]], row[x[side] + ACROSS]]
+/// As [`Units::equal_sides`], of the edge at a row and a column of either image; none where it is masked.
+fn equal_sides(views: [&View; 2], y: [usize; 2], x: [usize; 2], units: Units) -> [bool; 2] {
+    let ends = [0, 1].map(|side| {
+        let (view, y, x) = (views[side], y[side], x[side]);
+        let is_inside = x + EDGE_WIDTH < view.size().1;
+        let is_valid = is_inside && view.is_valid(y, x) && view.is_valid(y, x + EDGE_WIDTH);
+        is_valid.then(|| [view.gray().row(y)[x], view.gray().row(y)[x + EDGE_WIDTH]])
     });
-    units.step(left, right)
+    let [Some(left), Some(right)] = ends else { return [false; 2] };
+    units.equal_sides(left, right)
 }
 
-/// The signs of the steps of a view where none of both images is near; 0 where it has none.
+/// The signs of the edges of a view, faint ones, too, away from those of both images; 0 elsewhere.
 fn signs(view: &View, is_open: &Plane<bool>, level: i32) -> Plane<i8> {
     let (rows, cols) = view.size();
     Plane::from_fn(rows, cols, |y, x| {
         let row = view.gray().row(y);
-        if x + ACROSS >= cols || !is_open.row(y)[x] {
+        if x + EDGE_WIDTH >= cols || !is_open.row(y)[x] {
             return 0;
         }
-        let step = row[x + ACROSS] - row[x];
-        let is_step = step.abs() >= FAINT * level && view.is_valid(y, x) && view.is_valid(y, x + ACROSS);
-        if is_step { step.signum() as i8 } else { 0 }
+        let height = row[x + EDGE_WIDTH] - row[x];
+        let is_edge =
+            height.abs() >= FAINT_EDGE * level && view.is_valid(y, x) && view.is_valid(y, x + EDGE_WIDTH);
+        if is_edge { height.signum() as i8 } else { 0 }
     })
 }
 
@@ -559,7 +503,17 @@ mod tests {
     }
 
     #[test]
-    fn a_scene_is_no_overlay() {
+    fn an_area_may_touch_the_ends_of_rows() {
+        let pair = pair(DISPARITY, |_, x| (234..236).contains(&x).then_some(255));
+        let units = Units::of(pair.views()).expect("bytes");
+        let part = Part { views: pair.views(), first: 0, units };
+        let area: Area = (0..SIZE.0 / 8).map(|y| (y, SIZE.1 / 8 - 1)).collect();
+        assert!(part.painted(&area) > 0.9);
+        assert!(part.chance(&area) >= 1);
+    }
+
+    #[test]
+    fn a_scene_is_not_an_overlay() {
         for at in [0, 1, DISPARITY] {
             assert_eq!(pair(at, |_, _| None).overlays(), []);
         }
@@ -581,29 +535,48 @@ mod tests {
         assert_eq!(overlays(&caption, &Control::default()).expect("memory"), []);
     }
 
-    #[test]
-    fn rows_are_counted_as_step_by_step_and_in_parts() {
-        let pair = pair(DISPARITY, |y, x| (is_ink(y, x) || (y + x) % 17 == 0).then_some(200));
-        let views = pair.views();
-        let units = Units::of(views).expect("bytes");
-        let fresh = || Counts::new(SIZE);
+    /// The edges of cells of 8 x 8 pixels, two columns wide, 24 gray levels high, and equal to 3 levels or an eighth
+    /// of their height on one side, and on both: one after another.
+    fn counted(views: [&View; 2]) -> [Vec<u16>; 2] {
+        let ((rows, cols), [left, right]) = (SIZE, views);
+        let mut counts = [vec![0; rows / 8 * (cols / 8)], vec![0; rows / 8 * (cols / 8)]];
+        for (y, x) in (0..rows).flat_map(|y| (0..cols - 2).map(move |x| (y, x))) {
+            if views.iter().any(|view| !view.is_valid(y, x) || !view.is_valid(y, x + 2)) {
+                continue;
+            }
+            let gray = |view: &View, x: usize| f64::from(view.gray().row(y)[x]);
+            let heights = [left, right].map(|view| gray(view, x + 2) - gray(view, x));
+            let height = heights[0].abs().min(heights[1].abs());
+            let same = [x, x + 2]
+                .into_iter()
+                .filter(|x| (gray(left, *x) - gray(right, *x)).abs() <= (height / 8.0).floor().max(3.0))
+                .count();
+            if height >= 24.0 && heights[0] * heights[1] > 0.0 && same > 0 {
+                counts[same - 1][y / 8 * (cols / 8) + x / 8] += 1;
+            }
+        }
+        counts
+    }
 
-        let mut slow = fresh();
-        for y in 0..SIZE.0 {
-            slow.add_masked_row(views, y, 0, units);
-        }
-        let (mut whole, mut parts) = (fresh(), fresh());
-        let mut kinds = vec![0; SIZE.1];
-        for y in 0..SIZE.0 {
-            whole.add_row(views.map(|view| view.gray().row(y)), y, units, &mut kinds);
-        }
-        for rows in [0..5, 5..77, 77..SIZE.0] {
-            let part = pair.of_rows(rows.clone());
-            parts.add(part.views(), rows.start, units);
-        }
-        assert!(slow.one.iter().any(|count| *count > 0) && slow.both.iter().any(|count| *count > 0));
-        for other in [whole, parts] {
-            assert_eq!((&slow.one, &slow.both), (&other.one, &other.both));
+    #[test]
+    fn edges_are_counted_as_one_after_another_masked_and_in_parts() {
+        let plain = pair(DISPARITY, |y, x| (is_ink(y, x) || (y + x) % 17 == 0).then_some(200));
+        let mask = Mask::from_fn(SIZE.0, SIZE.1, |y, x| (3 * y + x) % 11 != 0);
+        let masked = plain.views().map(|view| view.clone().with_mask(Some(mask.clone())));
+        for pair in [plain.clone(), plain.with_views(masked)] {
+            let units = Units::of(pair.views()).expect("bytes");
+            let (mut whole, mut parts) = (Counts::new(SIZE), Counts::new(SIZE));
+            whole.add(pair.views(), 0, units);
+            for rows in [0..5, 5..77, 77..SIZE.0] {
+                let part = pair.of_rows(rows.clone());
+                parts.add(part.views(), rows.start, units);
+            }
+
+            let [one, both] = counted(pair.views());
+            assert!(one.iter().any(|count| *count > 0) && both.iter().any(|count| *count > 0));
+            for other in [whole, parts] {
+                assert_eq!((&one, &both), (&other.one, &other.both));
+            }
         }
     }
 

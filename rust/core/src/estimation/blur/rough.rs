@@ -50,8 +50,7 @@ pub fn grays(view: &View, control: &Control) -> Result<Plane<f32>> {
     })
 }
 
-/// Whether the block of gray values with this corner has more than one: without contrast there is no evidence of
-/// blur.
+/// Whether the block of gray values with this corner has more than one: blur leaves evidence in contrast alone.
 pub fn has_contrast(grays: &Plane<f32>, top: usize, left: usize) -> bool {
     let mut values = (top..top + SIDE).flat_map(|y| &grays.row(y)[left..left + SIDE]);
     let first = values.next().map(|value| value.to_bits());
