@@ -175,16 +175,17 @@ impl Overview {
         rows.visit(strips, runtime, |part, visited| {
             // The part begins with its halo, whose rows belong to others.
             let skipped = visited.start - part.first / factor;
-            let places = skipped * cols..(skipped + visited.len()) * cols;
             let both = both(|side| {
                 let gray = &part.grays[side];
                 reduced(gray, factor, runtime.execution.level, runtime.control)
             })?;
             for (side, reduced) in [&mut left, &mut right].into_iter().zip(both) {
-                if visited.len() == height {
-                    *side = reduced.of_rows(skipped..skipped + height).into_vec();
+                let here = reduced.of_rows(skipped..skipped + visited.len()).into_vec();
+                // Most pairs are one part, which is taken without a copy.
+                if side.is_empty() {
+                    *side = here;
                 } else {
-                    side.extend_from_slice(&reduced.as_slice()[places.clone()]);
+                    side.extend(here);
                 }
             }
 
