@@ -11,7 +11,7 @@ import pytest
 
 import phasestereo as ps
 from phasestereo.settings import PresetName
-from support.processes import run
+from support.processes import return_memory_at_once, run
 
 RNG = np.random.default_rng(0)
 SIZES = [(40, 60), (150, 90), (3, 200), (40, 60), (1, 1), (97, 131)]
@@ -361,12 +361,6 @@ rng = np.random.default_rng(0)
 large = rng.integers(0, 256, (2, 300, 1600), np.uint8)
 small = rng.integers(0, 256, (2, 60, 200), np.uint8)
 """
-
-
-def return_memory_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Make what a process frees go back to the system, whichever thread frees it."""
-    monkeypatch.setenv("MALLOC_MMAP_THRESHOLD_", "65536")
-    monkeypatch.setenv("MALLOC_TRIM_THRESHOLD_", "65536")
 
 
 @on_linux

@@ -56,10 +56,9 @@ def test_a_clock_is_masked_and_said(dtype: str) -> None:
     ink = drawn(np.zeros((ROWS, COLS), np.uint8)) > 0
     assert masked[ink].mean() > 0.98
     assert masked.mean() < 0.16
-    rows, columns = np.flatnonzero(masked.any(1)), np.flatnonzero(masked.any(0))
-    assert sentence.startswith(
-        f"{SAID} columns {columns[0]} to {columns[-1] + 1}, rows {rows[0]} to {rows[-1] + 1} of both"
-    )
+    ends = [np.flatnonzero(masked.any(axis))[[0, -1]] + [0, 1] for axis in (0, 1)]
+    columns, rows = (f"{first} to {last}" for first, last in ends)
+    assert sentence.startswith(f"{SAID} columns {columns}, rows {rows} of both images")
     assert found.search is not None
     assert found.search.low > DISPARITY / 2
     wrong = np.abs(found.disparity - DISPARITY) > 1

@@ -3,6 +3,8 @@
 import subprocess
 import sys
 
+import pytest
+
 WARNINGS = "-W", "error", "-W", "ignore::UserWarning"
 """Noise is matched; that is warned of, and not what these are about."""
 
@@ -36,3 +38,9 @@ assert same()
 def run_forking(begin: str) -> subprocess.CompletedProcess[str]:
     """Run code that defines `same`; hold that to be true in a forked child, and then here."""
     return run(FORKING.format(begin=begin))
+
+
+def return_memory_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Make what a process frees go back to the system, whichever thread frees it."""
+    monkeypatch.setenv("MALLOC_MMAP_THRESHOLD_", "65536")
+    monkeypatch.setenv("MALLOC_TRIM_THRESHOLD_", "65536")

@@ -28,9 +28,10 @@ const MOST_CALLS: usize = 64;
 /// Most bytes of working memory that a kept pool holds between calls.
 const MOST_KEPT: usize = 64 << 20;
 
-/// Bytes of a block that is freed before the first match. The allocator of glibc keeps up to twice the largest
-/// block that was freed at the end of its heap. What is freed beyond goes back to the system, and the next match
-/// takes it again, page by page: 24 % of the time of `fast` on 741 x 497, 6 to 10 % of others. Blocks of larger
+/// Bytes of a block that is freed before the first match of a pool. The allocator of glibc keeps up to twice the
+/// largest block that was freed at the end of its heap. What is freed beyond goes back to the system, and the
+/// next match takes it again, page by page: 24 % of the time of `fast` on 741 x 497, 6 to 10 % of others. Blocks
+/// that were maps of their own come from the heap then, whose gaps take 3 to 4 MB more there. Blocks of larger
 /// images are larger, so that this one makes no difference to them.
 const FREED: usize = 8 << 20;
 
