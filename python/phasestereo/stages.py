@@ -72,7 +72,7 @@ def descriptor(
     Notes
     -----
     Pedone & Heikkilä 2008, eq. 3; arg in [-pi, pi), floor, F = 0 at level 0. The transform is
-    computed in integers: its cosines are rounded to steps of about L / 4000, and those of one
+    computed in integers: its cosines are rounded to steps of about L / 1000, and those of one
     frequency sum to zero. Floats that are no integers of one step are resolved in 4 million steps
     of the range in which they lie, but for 0.1 % at either end (of large images: of an even
     sample), and clamped four ranges beyond. A level may therefore differ from that of a

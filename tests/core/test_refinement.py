@@ -102,9 +102,9 @@ def assert_equals_the_oracle(
     result = ps.match(*pair, settings=settings, **options)
 
     everything = np.ones(pair.shape[1:3], bool)
-    thousandths = 1000 if pair.ndim == 4 else 1
+    steps = 16 if pair.ndim == 4 else 1
     # About the middle of the range: outlines cut gray steps off that lie far from it.
-    gray = np.rint(thousandths * (oracle.to_gray(pair[0]) - 128)).astype(np.int64)
+    gray = np.rint(steps * (oracle.to_gray(pair[0]) - 128)).astype(np.int64)
     gray = gray if masks is None else oracle.fill_masked(gray, masks[0])
 
     volume, dropped, bits = volume_of(pair, settings, search, masks)

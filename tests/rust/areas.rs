@@ -1,16 +1,13 @@
 //! Areas outside the run of disparities: as a naive search finds them, and where things were put.
 
 use crate::common::{hash, levels};
+use crate::reference;
 use phasestereo::internals::estimation::areas::{Area, areas, fine_areas};
 use phasestereo::internals::estimation::overview::{Guess, Overview};
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::plane::Plane;
 use phasestereo_match::base::simd::Level;
-use phasestereo_match::cost::Costs;
-use phasestereo_match::image::conversion::view_of_plane;
-use phasestereo_match::image::intensity_range::IntensityRange;
-use phasestereo_match::image::view::View;
 use phasestereo_match::matcher::runtime::Runtime;
 use phasestereo_match::matcher::{Execution, Matcher};
 use phasestereo_match::pair::candidates::Candidates;
@@ -27,11 +24,6 @@ const REACH: (isize, isize) = (-30, 52);
 
 fn noise(salt: u64, y: usize, x: usize) -> f32 {
     (hash(salt, y, x) % 256) as f32 / 2.0
-}
-
-/// A copy as a view.
-fn as_view(plane: &Plane<f32>) -> View {
-    view_of_plane(plane, IntensityRange { black: -128_000.0, white: 128_000.0 })
 }
 
 /// Something before a background: top, rows, first column of the left image, columns, disparity.
@@ -110,16 +102,16 @@ const SQUARE: (isize, isize) = (2, 2);
 
 impl Sums {
     fn new([left, right]: [&Plane<f32>; 2], (low, high): (isize, isize), around: (isize, isize)) -> Self {
-        let (rows, cols) = (left.rows(), left.cols());
+        let cols = left.cols();
         let count = (high - low + 1) as usize;
         let candidates = Candidates::new(low as i64, count as i64, cols).expect("legal");
         let settings = Settings { neighborhood: 3, frequencies: (1, 1), ..Preset::Paper.settings() };
 
-        let (level, control) = (Level::best(), Control::default());
-        let views = [left, right].map(as_view);
-        let [left, right] = views.each_ref();
-        let costs = Costs::new([left, right], candidates, &settings, None, level, &control);
-        let costs = costs.expect("legal").volume(rows, level, &control).expect("it fits");
+        // Gray values are in 128ths.
+        let codes = |plane: &Plane<f32>| {
+            reference::describe_roughly(&plane.map(|value| (128.0 * value) as i32), &settings)
+        };
+        let costs = reference::phase_costs(&codes(left), &codes(right), candidates);
         Self { costs, cols, low, count, around }
     }
 

@@ -9,7 +9,8 @@ use phasestereo_match::base::error::Error;
 use phasestereo_match::base::math;
 use phasestereo_match::base::plane::Plane;
 use phasestereo_match::base::simd::Level;
-use phasestereo_match::descriptor::{Codes, describe};
+use phasestereo_match::descriptor::basis::ROUGH_REACH;
+use phasestereo_match::descriptor::{Codes, describe, describe_roughly};
 use phasestereo_match::image::intensity::Gray;
 use phasestereo_match::matcher::on_threads;
 use phasestereo_match::settings::presets::Preset;
@@ -53,6 +54,18 @@ fn every_family_equals_its_definition() {
     for settings in [3, 5, 7, 9, 11].into_iter().flat_map(every_descriptor) {
         let expected = reference::describe(&gray, &settings, 0.0);
         assert_eq!(codes(&gray, &settings).widened(), expected, "{settings:?}");
+    }
+}
+
+#[test]
+fn rough_codes_equal_their_definition() {
+    let gray = noise(9, 37);
+    let settings = Settings { neighborhood: 3, frequencies: (1, 1), ..Preset::Paper.settings() };
+    for (name, level) in Level::all().filter_map(|(name, level)| Some((name, level?))) {
+        let gray = Gray::within(ROUGH_REACH, gray.clone());
+        let codes = describe_roughly(&gray, &settings, level, &Control::default()).expect("not cancelled");
+        let expected = reference::describe_roughly(gray.plane(), &settings);
+        assert_eq!(codes.map(|&code| code.into()), expected, "{name}");
     }
 }
 
@@ -106,11 +119,18 @@ fn codes_are_those_of_every_version() {
             .fold(0xcbf2_9ce4_8422_2325u64, |hash, &code| (hash ^ code).wrapping_mul(0x0100_0000_01b3))
     };
 
-    assert_eq!(digest(Taper::Uniform, 7, 2), 0x9f02_3c2a_6bc4_4f98);
-    assert_eq!(digest(Taper::Uniform, 15, 4), 0x20b5_faf5_a371_3f61);
-    assert_eq!(digest(Taper::Uniform, 63, 2), 0x4c69_7115_be63_5632);
-    assert_eq!(digest(Taper::Gaussian, 9, 3), 0x98dc_be80_e9dc_631e);
-    assert_eq!(digest(Taper::Hann, 9, 3), 0xa8de_7611_0ff0_3b82);
+    let cases = [
+        (Taper::Uniform, 7, 2),
+        (Taper::Uniform, 15, 4),
+        (Taper::Uniform, 63, 2),
+        (Taper::Gaussian, 9, 3),
+        (Taper::Hann, 9, 3),
+    ];
+    let found =
+        cases.map(|(taper, neighborhood, bits)| format!("{:016x}", digest(taper, neighborhood, bits)));
+    let known =
+        ["6b1370774e5aec1c", "2021661834640c57", "cf851e9992b59aa2", "59f534626beaa2ef", "83a4eb98aa243dec"];
+    assert_eq!(found, known);
 }
 
 #[test]

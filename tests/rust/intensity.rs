@@ -76,16 +76,17 @@ proptest! {
     }
 
     #[test]
-    fn gray_is_exact_for_integers(pixels in bytes(3, 4, 3)) {
+    fn luminances_of_integers_are_nearest_sixteenths(pixels in bytes(3, 4, 3)) {
         let bytes = Some(Integers { step: 1.0, bits: 8 });
         let narrow = gray(&converted(Image::U8(pixels.clone()), bytes));
         let wide = gray(&converted(Image::U16(pixels.mapv(u16::from)), WORDS));
 
         for ((y, x), _) in pixels.index_axis(ndarray::Axis(2), 0).indexed_iter() {
             let [r, g, b] = [0, 1, 2].map(|c| i32::from(pixels[(y, x, c)]));
-            let thousandths = 299 * r + 587 * g + 114 * b;
-            prop_assert_eq!(narrow.row(y)[x], thousandths - 128_000);
-            prop_assert_eq!(wide.row(y)[x], thousandths - 32_768_000);
+            let sixteenths = 16.0 * f64::from(9798 * r + 19235 * g + 3735 * b) / 32768.0;
+            let nearest = (sixteenths + 0.5).floor() as i32;
+            prop_assert_eq!(narrow.row(y)[x], nearest - 16 * 128);
+            prop_assert_eq!(wide.row(y)[x], nearest - 16 * 32_768);
         }
     }
 
@@ -133,7 +134,7 @@ fn blurred_images_keep_fractions_and_their_unit() {
         (view(Image::U8(gray.clone())), 16.0),
         (view(Image::U8(pixels.clone())), 16.0),
         (converted(Image::U16(gray.mapv(|p| 257 * u16::from(p))), WORDS), 16.0),
-        (converted(Image::U16(pixels.mapv(|p| 257 * u16::from(p))), WORDS), 1.0),
+        (converted(Image::U16(pixels.mapv(|p| 257 * u16::from(p))), WORDS), 16.0),
         (converted(Image::F32(gray.mapv(|p| f32::from(p) / 255.0)), None), 2.0),
     ] {
         let (sharp, blurred, unit) = convolved(image);
@@ -157,7 +158,7 @@ fn noise_is_converted_to_steps_of_the_pixels_unit() {
     let bytes = view(Image::U8(Array3::zeros((1, 2, 1))));
     assert!((bytes.scale().steps(2.0) - 2.0).abs() < 1e-9);
     let words = converted(Image::U16(Array3::zeros((1, 2, 3))), WORDS);
-    assert!((words.scale().steps(2.0) - 2000.0).abs() < 1e-9, "thousandths");
+    assert!((words.scale().steps(2.0) - 32.0).abs() < 1e-9, "sixteenths");
 
     for white in [1.0, 1e-200, 3e250] {
         let ramp = Array3::from_shape_fn((1, 1000, 1), |(_, x, _)| white / 999.0 * x as f64);

@@ -242,13 +242,16 @@ pub fn smooth_gray(plane: &Plane<i32>, deviation: f64, scale: f64) -> Plane<i32>
 /// sum. Parts of components up to `threshold` are weak, if there is a weak level; with two sizes, those of
 /// the larger one.
 pub fn describe(gray: &Plane<i32>, settings: &Settings, threshold: f64) -> Plane<u64> {
+    let basis = Basis::new(settings);
     if settings.sizes == 1 {
-        return components(gray, settings, threshold, |_| true);
+        return components(gray, &basis, settings, threshold, |_| true);
     }
 
     let larger = Settings { neighborhood: settings.neighborhood + 2, ..settings.clone() };
-    let axes = components(gray, &larger, threshold, |c| c.u + c.v.unsigned_abs() == 1);
-    let all = components(gray, &Settings { noise_threshold: 0.0, ..settings.clone() }, 0.0, |_| true);
+    let is_axis = |c: &Component| c.u + c.v.unsigned_abs() == 1;
+    let axes = components(gray, &Basis::new(&larger), &larger, threshold, is_axis);
+    let no_weak = Settings { noise_threshold: 0.0, ..settings.clone() };
+    let all = components(gray, &basis, &no_weak, 0.0, |_| true);
 
     let (r, s) = settings.frequencies;
     let bits = (r.min(1) + s.min(1)) << (settings.bits - 1) << usize::from(settings.noise_threshold > 0.0);
@@ -256,14 +259,19 @@ pub fn describe(gray: &Plane<i32>, settings: &Settings, threshold: f64) -> Plane
     Plane::from_fn(gray.rows(), gray.cols(), |y, x| axes.row(y)[x] | all.row(y)[x] << bits)
 }
 
+/// Reference implementation of [`phasestereo_match::descriptor::describe_roughly`].
+pub fn describe_roughly(gray: &Plane<i32>, settings: &Settings) -> Plane<u64> {
+    components(gray, &Basis::rough(settings), settings, 0.0, |_| true)
+}
+
 /// The codes of one size, of those components that count.
 fn components(
     gray: &Plane<i32>,
+    basis: &Basis,
     settings: &Settings,
     threshold: f64,
     counts: impl Fn(&Component) -> bool,
 ) -> Plane<u64> {
-    let basis = Basis::new(settings);
     let weak = settings.has_weak().then_some(threshold);
 
     let radius = basis.radius() as isize;

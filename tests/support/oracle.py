@@ -32,11 +32,16 @@ def color_channels(image: NDArray[Any]) -> NDArray[Any]:
 
 
 def to_gray(image: NDArray[Any]) -> Floats:
-    """Return 0.299 R + 0.587 G + 0.114 B, unrounded; a gray image passes, alpha is ignored."""
+    """Return 0.299 R + 0.587 G + 0.114 B; a gray image passes, alpha is ignored.
+
+    Of integers, the weights are in 32768ths and the result in sixteenths.
+    """
     channels = color_channels(image).astype(np.float64)
     if channels.shape[2] == 1:
         return channels[:, :, 0]
     red, green, blue = channels[:, :, 0], channels[:, :, 1], channels[:, :, 2]
+    if np.issubdtype(image.dtype, np.integer):
+        return np.floor((9798 * red + 19235 * green + 3735 * blue) / 2048 + 0.5) / 16
     return 0.299 * red + 0.587 * green + 0.114 * blue
 
 

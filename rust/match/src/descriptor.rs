@@ -85,15 +85,17 @@ pub fn describe(
     })
 }
 
-/// As [`describe`], of settings whose codes fit a byte.
-pub fn describe_in_bytes(
+/// Codes of one size without a weak level that fit a byte, of tables so coarse that sums of gray values up to
+/// [`basis::ROUGH_REACH`] take the narrow arithmetic.
+pub fn describe_roughly(
     gray: &Gray,
     settings: &Settings,
-    noise: Option<f64>,
     level: Level,
     control: &Control,
 ) -> Result<Plane<u8>> {
-    describe_as(gray, settings, noise, level, control)
+    let layers = [Layer::new(Basis::rough(settings), Quantizer::new(settings), 0, false)];
+    let packed = Packed(PhantomData::<u8>);
+    describe_layers(gray, &layers, &packed, gray.size().1, level, control)
 }
 
 /// As [`describe`], in words of the caller's choice, which must be wide enough. Other crates take the functions
@@ -128,8 +130,18 @@ pub fn describe_rows<R: RowOfCodes>(
     level: Level,
     control: &Control,
 ) -> Result<Plane<R::Item>> {
-    let layers = layers(gray, settings, noise)?;
-    let job = DescribedImage { gray, layers: &layers, rows, level, control };
+    describe_layers(gray, &layers(gray, settings, noise)?, rows, width, level, control)
+}
+
+fn describe_layers<R: RowOfCodes>(
+    gray: &Gray,
+    layers: &[Layer],
+    rows: &R,
+    width: usize,
+    level: Level,
+    control: &Control,
+) -> Result<Plane<R::Item>> {
+    let job = DescribedImage { gray, layers, rows, level, control };
 
     // Sums are exact in both arithmetics. The narrow one is twice as fast, if it holds the largest sum.
     let gain = layers.iter().map(|layer| layer.basis.gain()).max().unwrap_or(0);
@@ -163,8 +175,7 @@ struct Layer {
 impl Layer {
     /// A layer whose components have their bits from `first` on; of `axes_alone` only `(1, 0)` and `(0, 1)`
     /// count.
-    fn new(settings: &Settings, quantizer: Quantizer, first: usize, axes_alone: bool) -> Self {
-        let basis = Basis::new(settings);
+    fn new(basis: Basis, quantizer: Quantizer, first: usize, axes_alone: bool) -> Self {
         let length = quantizer.code_length();
         let mut next = first;
 
@@ -191,18 +202,19 @@ impl Layer {
 /// The sizes of neighborhoods that codes describe. Of two the larger one has the lowest bits, so that no
 /// component lies in two halves of a word.
 fn layers(gray: &Gray, settings: &Settings, noise: Option<f64>) -> Result<Vec<Layer>> {
-    let weak = |settings: &Settings| -> Result<Quantizer> {
-        let quantizer = Quantizer::new(settings);
+    let weak = |settings: &Settings| -> Result<(Basis, Quantizer)> {
+        let (basis, quantizer) = (Basis::new(settings), Quantizer::new(settings));
         if !settings.has_weak() {
-            return Ok(quantizer);
+            return Ok((basis, quantizer));
         }
 
-        let threshold = weak_threshold(gray, &Basis::new(settings), settings.noise_threshold, noise)?;
-        Ok(quantizer.with_weak_level(threshold))
+        let threshold = weak_threshold(gray, &basis, settings.noise_threshold, noise)?;
+        Ok((basis, quantizer.with_weak_level(threshold)))
     };
 
     if !settings.has_larger() {
-        return Ok(vec![Layer::new(settings, weak(settings)?, 0, false)]);
+        let (basis, quantizer) = weak(settings)?;
+        return Ok(vec![Layer::new(basis, quantizer, 0, false)]);
     }
 
     let (r, s) = settings.frequencies;
@@ -212,10 +224,11 @@ fn layers(gray: &Gray, settings: &Settings, noise: Option<f64>) -> Result<Vec<La
         ..settings.clone()
     };
 
-    let larger = Layer::new(&larger, weak(&larger)?, 0, true);
+    let (basis, quantizer) = weak(&larger)?;
+    let larger = Layer::new(basis, quantizer, 0, true);
 
     let first = settings.larger_components() * larger.quantizer.code_length();
-    Ok(vec![larger, Layer::new(settings, Quantizer::new(settings), first, false)])
+    Ok(vec![larger, Layer::new(Basis::new(settings), Quantizer::new(settings), first, false)])
 }
 
 /// The magnitude up to which a real or imaginary part of a component is weak, a whole number.

@@ -155,7 +155,7 @@ fn codes(
 
     if smoothing > 0.0 {
         // Bytes come out on one scale, with or without color.
-        let is_of_bytes = matches!(reach, 128 | 128_000);
+        let is_of_bytes = matches!(reach, 128 | 2048);
         let smoothed = if is_of_bytes { 2048 } else { reach << most(reach, 1 << 17) };
 
         let scale = f64::from(smoothed) / f64::from(reach);

@@ -46,14 +46,14 @@ pub use self::blocks::{BLOCK, Blocks, SAMPLED};
 use self::sums::{BlockWindows, Borders, SumGuessed, choose, visit};
 pub use self::sums::{NEXT, Voters, vote};
 use super::overview::{Guess, Overview, Span};
-use crate::estimation::blur::rough::{as_view, raised};
+use crate::estimation::blur::rough::{raised, rough_gray};
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::plane::Plane;
 use phasestereo_match::base::platform::both;
 use phasestereo_match::base::value::Lanes;
 use phasestereo_match::cost::phase::ByteDistances;
-use phasestereo_match::descriptor::describe_in_bytes;
-use phasestereo_match::image::intensity::Gray;
+use phasestereo_match::descriptor::describe_roughly;
+use phasestereo_match::matcher::Execution;
 use phasestereo_match::matcher::runtime::Runtime;
 use phasestereo_match::pair::alignment::Alignment;
 use phasestereo_match::pair::candidates::Candidates;
@@ -390,14 +390,16 @@ impl<'a> AreaSearch<'a> {
 
 /// The codes of both copies, the right one resampled by a field.
 pub fn codes_of(copies: &Overview, field: Option<&Alignment>, runtime: Runtime) -> Result<[Plane<u8>; 2]> {
-    let Runtime { execution, control, .. } = runtime;
+    let Runtime { execution: Execution { level, .. }, control, .. } = runtime;
     both(|side| {
         let plane = &copies.planes[side];
-        let view = match field {
-            Some(field) if side == 1 => as_view(&raised(plane, field, copies.factor, control)?),
-            _ => as_view(plane),
+        let gray = match field {
+            Some(field) if side == 1 => {
+                rough_gray(&raised(plane, field, copies.factor, control)?, level, control)
+            }
+            _ => rough_gray(plane, level, control),
         };
-        describe_in_bytes(&Gray::of_view(&view), &codes(), None, execution.level, control)
+        describe_roughly(&gray?, &codes(), level, control)
     })
 }
 

@@ -9,12 +9,15 @@ use std::f64::consts::TAU;
 use crate::base::math;
 use crate::settings::{Settings, Taper};
 
-/// Amplitude of the tables times `L`. Sums of 8-bit pixels then fit in 32 bits for every `L`, and those of
-/// any pixels are exact in double precision. A tap is within a step of the exact value: 1/570 for `L` = 7.
-const AMPLITUDE_TIMES_SIZE: usize = 4000;
-/// The same under codes of two sizes, which describe smoothed images in sixteenths of a gray level: their
-/// sums fit in 32 bits, too. A tap is within 1/140 for `L` = 7, an angle within half a degree.
-const COARSE_AMPLITUDE_TIMES_SIZE: usize = 1000;
+/// Amplitude of the tables times `L`. Sums of pixels of 8 bits in sixteenths of a gray level, as of luminances
+/// and of smoothed images, then fit in 32 bits for every `L`, and those of any pixels are exact in double
+/// precision. A tap is within a step of the exact value: 1/140 for `L` = 7, an angle within half a degree.
+const AMPLITUDE_TIMES_SIZE: usize = 1000;
+/// The same for codes that are only compared within an estimate, of images in 128ths of a gray level: a tap is
+/// within 1/110 for `L` = 3.
+const ROUGH_AMPLITUDE_TIMES_SIZE: usize = 350;
+/// Largest gray value of which sums with those tables fit in 32 bits.
+pub const ROUGH_REACH: u32 = 1 << 14;
 
 /// One spectral component of the descriptor: its frequency indices along x and y.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -45,9 +48,18 @@ pub struct Basis {
 impl Basis {
     /// Tables for checked settings.
     pub fn new(settings: &Settings) -> Self {
+        Self::of(settings, AMPLITUDE_TIMES_SIZE)
+    }
+
+    /// Tables of which sums of gray values up to [`ROUGH_REACH`] fit in 32 bits.
+    pub fn rough(settings: &Settings) -> Self {
+        Self::of(settings, ROUGH_AMPLITUDE_TIMES_SIZE)
+    }
+
+    fn of(settings: &Settings, amplitude_times_size: usize) -> Self {
         let size = settings.neighborhood;
         let (r, s) = settings.frequencies;
-        let scale = amplitude(size, settings.has_larger());
+        let scale = amplitude(size, amplitude_times_size);
         let filters = (0..=r.max(s)).map(|f| filter(settings.taper, size, scale, f)).collect();
 
         Self { size, frequencies: (r, s), filters }
@@ -102,9 +114,8 @@ impl BasisFilter {
 }
 
 /// The amplitude of the tables: an even number, as the center of a table that sums to zero must be.
-fn amplitude(size: usize, is_coarse: bool) -> usize {
-    let total = if is_coarse { COARSE_AMPLITUDE_TIMES_SIZE } else { AMPLITUDE_TIMES_SIZE };
-    total / size / 2 * 2
+fn amplitude(size: usize, times_size: usize) -> usize {
+    times_size / size / 2 * 2
 }
 
 /// `w(j) (exp(-2 pi i f j / L) - kappa)`, with `kappa` such that the taps sum to zero: the correction that
@@ -174,18 +185,17 @@ mod tests {
 
     const TAPERS: [Taper; 3] = [Taper::Uniform, Taper::Gaussian, Taper::Hann];
 
-    /// Every basis by taper, size, and whether it is one of two.
-    fn every_basis() -> impl Iterator<Item = (Taper, usize, bool, Basis)> {
-        let sizes = (3..=LARGEST_WINDOW).step_by(2).flat_map(|size| [(size, 1), (size, 2)]);
-        let all = TAPERS.into_iter().flat_map(move |taper| sizes.clone().map(move |s| (taper, s)));
+    /// Every basis by taper, size, and the largest gray value of which sums fit in 32 bits.
+    fn every_basis() -> impl Iterator<Item = (Taper, usize, u64, Basis)> {
+        let sizes = (3..=LARGEST_WINDOW).step_by(2);
+        let all = TAPERS.into_iter().flat_map(move |taper| sizes.clone().map(move |size| (taper, size)));
 
-        all.map(|(taper, (neighborhood, sizes))| {
+        all.flat_map(|(taper, neighborhood)| {
             let highest = 4.min((neighborhood - 1) / 2);
             let frequencies = (highest, highest);
-            let settings =
-                Settings { taper, neighborhood, frequencies, bits: 1, sizes, ..Preset::Paper.settings() };
-
-            (taper, neighborhood, sizes == 2, Basis::new(&settings))
+            let settings = Settings { taper, neighborhood, frequencies, bits: 1, ..Preset::Paper.settings() };
+            [(128 << 4, Basis::new(&settings)), (ROUGH_REACH.into(), Basis::rough(&settings))]
+                .map(|(reach, basis)| (taper, neighborhood, reach, basis))
         })
     }
 
@@ -201,7 +211,7 @@ mod tests {
 
     #[test]
     fn filters_are_within_a_step_of_the_exact_ones() {
-        for (taper, size, is_coarse, basis) in every_basis() {
+        for (taper, size, _, basis) in every_basis() {
             let radius = (size / 2) as isize;
             let weight = |j: isize| weight(taper, size, j.unsigned_abs());
             let total: f64 = (-radius..=radius).map(weight).sum();
@@ -211,7 +221,7 @@ mod tests {
                 let kappa = (-radius..=radius).map(|j| weight(j) * math::cos(angle(j))).sum::<f64>() / total;
 
                 for (j, (even, odd)) in (0..).zip(filter.even.iter().zip(&filter.odd)) {
-                    let scale = amplitude(size, is_coarse) as f64 * weight(j);
+                    let scale = f64::from(basis.filters[0].even[0]) * weight(j);
                     let error = math::hypot(
                         f64::from(*even) - scale * (math::cos(angle(j)) - kappa),
                         f64::from(*odd) + scale * math::sin(angle(j)),
@@ -225,8 +235,7 @@ mod tests {
 
     #[test]
     fn sums_of_bytes_fit_in_32_bits_and_those_of_any_pixels_in_53() {
-        for (taper, size, is_coarse, basis) in every_basis() {
-            let reach = if is_coarse { 128 << 4 } else { 128 };
+        for (taper, size, reach, basis) in every_basis() {
             assert!(reach * basis.gain() < 1 << 31, "{taper:?} {size}");
             assert!(basis.gain() << 25 < 1 << 53, "{taper:?} {size}");
         }
@@ -246,9 +255,11 @@ mod tests {
 
     #[test]
     fn windows_fall_from_the_amplitude_at_the_center() {
-        for (taper, size, is_coarse, basis) in every_basis() {
+        for (taper, size, reach, basis) in every_basis() {
             let window = &basis.filters[0].even;
-            assert_eq!(window[0] as usize, amplitude(size, is_coarse));
+            // The more bits gray values have, the fewer are left for taps.
+            let most = (2f64.powi(31) / reach as f64).sqrt() / size as f64;
+            assert!((0.9 * most - 3.0..most).contains(&window[0].into()), "{taper:?} {size} {reach}");
             assert!(window.is_sorted_by(|a, b| a >= b), "{taper:?} {size}");
         }
     }

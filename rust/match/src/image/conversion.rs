@@ -5,13 +5,13 @@
 //!
 //! ```text
 //! channels all equal                                          ->  the first one
-//! other colors                                                ->  the luminance 299 R + 587 G + 114 B
+//! other colors                                                ->  the luminance 0.299 R + 0.587 G + 0.114 B
 //! both images hold step * (0, 1, ... 255), for some step      ->  these integers, less 128
 //! both hold integers below 2^16, or 1 / 65535 etc. of some    ->  these integers, less 32768
 //! all else                                                    ->  2^22 steps from black to white, black at 0
 //! ```
 //!
-//! Gray values of integers are exact; luminances are in thousandths. Both images of a pair have one step if
+//! Gray values of integers are exact; luminances of integers are in sixteenths. Both images of a pair have one step if
 //! they have one type; whether channels are equal is found out for each of them, since an image of one
 //! channel may be matched with one of three. Only valid pixels count. A part of a pair is converted as the
 //! whole ([`Conversion`]).
@@ -121,7 +121,7 @@ impl Conversion {
         Ok(View::new(Plane::from_vec(rows, cols, gray)?, mask, scale))
     }
 
-    /// The scale of gray values, of luminances in thousandths or not, of pixels with this unit.
+    /// The scale of gray values, of luminances or not, of pixels with this unit.
     fn scale(&self, in_color: bool, unit: f64) -> GrayScale {
         let Some(Integers { step, bits }) = self.integers else {
             return GrayScale::of_floats(self.range.unwrap_or(NOWHERE), unit);
@@ -450,7 +450,7 @@ mod tests {
         for channels in [1, 3] {
             let bytes = bytes(channels);
             let expected = bytes.clone().map(Image::U8);
-            let parts = if channels == 3 { 1000 } else { 1 };
+            let parts = if channels == 3 { 16 } else { 1 };
             assert_eq!(views(expected.clone())[0].scale().ends(), [-128 * parts, 127 * parts]);
 
             for step in [1u16, 2, 3, 16, 100, 256, 257] {

@@ -5,6 +5,8 @@ use crate::image::intensity_range::{IntensityRange, floor_log2};
 
 /// Binary logarithm of the steps into which the intensity range of a float image is cut: finer than 16 bits.
 const FLOAT_STEPS_LOG2: i32 = 22;
+/// Steps of a luminance per step of the integers that the channels are.
+pub const LUMINANCE_STEPS: i32 = 16;
 /// Gray values of float images are clamped this many steps from black: four ranges.
 const FLOAT_REACH: i32 = 1 << 24;
 
@@ -23,15 +25,14 @@ pub struct GrayScale {
 }
 
 impl GrayScale {
-    /// The scale of integers that are multiples of a step and use this many bits, of luminances in
-    /// thousandths or not; `given` are black and white of words.
+    /// The scale of integers that are multiples of a step and use this many bits, of luminances or not; `given` are black and white of words.
     pub fn of_integers(
         (step, bits): (f64, u32),
         in_color: bool,
         given: Option<IntensityRange>,
         unit: f64,
     ) -> Self {
-        let parts = if in_color { 1000 } else { 1 };
+        let parts = if in_color { LUMINANCE_STEPS } else { 1 };
         let middle = if bits <= u8::BITS { 1 << (u8::BITS - 1) } else { 1 << (u16::BITS - 1) };
         let ends = [-middle * parts, (middle - 1) * parts];
         let in_steps = |end: f64| {

@@ -5,6 +5,7 @@ use ndarray::{Array3, ArrayView2, Axis, s};
 use crate::base::error::{Error, Result};
 use crate::base::plane::{Plane, zeroed};
 use crate::base::simd::{Level, Loop};
+use crate::image::gray_scale::LUMINANCE_STEPS;
 use crate::image::masking::{Mask, filled_along_columns};
 use crate::image::resampling::TAPS;
 use crate::settings::LARGEST_PIXEL;
@@ -82,8 +83,8 @@ impl Image {
     }
 
     /// Appends the integers that row `y` consists of, in multiples of a step, from 0 to `ends[1] - ends[0]`,
-    /// above `ends[0]`. With `in_color`, they are the luminances `299 R + 587 G + 114 B` of three channels,
-    /// and all is in thousandths; else the first channel counts.
+    /// above `ends[0]`. With `in_color`, they are the luminances of three channels in sixteenths; else the first
+    /// channel counts.
     pub fn append_integers(
         &self,
         y: usize,
@@ -92,7 +93,7 @@ impl Image {
         [least, largest]: [i32; 2],
         gray: &mut Vec<i32>,
     ) {
-        let most = (largest - least) / if in_color { 1000 } else { 1 };
+        let most = (largest - least) / if in_color { LUMINANCE_STEPS } else { 1 };
         let is_one = step.to_bits() == 1f64.to_bits();
         match self {
             Self::U8(pixels) if is_one => append(pixels, y, in_color, least, i32::from, gray),
@@ -336,9 +337,10 @@ impl<T: Copy, F: Fn(T) -> i32> Loop for Append<'_, T, F> {
     fn run(self) {
         let Self { values, channels, in_color, least, integer, gray } = self;
         if in_color {
+            // 0.299, 0.587 and 0.114 in 32768ths: the sums of words fit in 31 bits.
             gray.extend(values.as_chunks().0.iter().map(|pixel| {
                 let [r, g, b] = pixel.map(&integer);
-                299 * r + 587 * g + 114 * b + least
+                ((9798 * r + 19235 * g + 3735 * b + 1024) >> 11) + least
             }));
         } else if channels == 1 {
             gray.extend(values.iter().map(|value| integer(*value) + least));

@@ -62,7 +62,7 @@ const LARGEST_DEVIATION: f64 = (1u64 << 40) as f64;
 /// fit in 32 bits.
 const NARROW_REACH: u32 = 1 << 17;
 /// Largest magnitudes of gray values of bytes, without and with color.
-const REACH_OF_BYTES: [u32; 2] = [128, 128_000];
+const REACH_OF_BYTES: [u32; 2] = [128, 2048];
 /// Largest magnitude of these after smoothing, in sixteenths of a gray level: sums under a code of two sizes
 /// then fit in 32 bits.
 const SMOOTHED_BYTES: u32 = 128 << FINER_LOG2;

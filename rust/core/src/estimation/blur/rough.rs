@@ -9,7 +9,9 @@ use phasestereo_match::base::plane::Plane;
 use phasestereo_match::base::simd::{Level, leveled};
 use phasestereo_match::base::statistics::median;
 use phasestereo_match::base::value::nearest;
+use phasestereo_match::descriptor::basis::ROUGH_REACH;
 use phasestereo_match::image::conversion::view_of_plane;
+use phasestereo_match::image::intensity::Gray;
 use phasestereo_match::image::intensity_range::IntensityRange;
 use phasestereo_match::image::view::View;
 use phasestereo_match::matcher::runtime::Runtime;
@@ -316,6 +318,21 @@ fn is_valid(view: &View, top: usize, left: usize) -> bool {
     let rows = (top..top + SIDE).map(|y| &mask.row(y)[left..left + SIDE]);
     let masked = rows.flatten().filter(|valid| !**valid).count();
     masked * MASKED_SHARE <= SIDE * SIDE
+}
+
+/// Gray values in steps for rough codes.
+pub fn rough_gray(plane: &Plane<f32>, level: Level, control: &Control) -> Result<Gray<'static>> {
+    let steps = Plane::by_rows((plane.rows(), plane.cols()), control, |y, steps: &mut [i32]| {
+        write_steps(level, plane.row(y), steps);
+    })?;
+    Ok(Gray::within(ROUGH_REACH, steps))
+}
+
+#[leveled]
+fn write_steps(level: Level, values: &[f32], steps: &mut [i32]) {
+    for (step, value) in steps.iter_mut().zip(values) {
+        *step = nearest(f64::from(*value) * (f64::from(ROUGH_REACH) / REACH));
+    }
 }
 
 /// A plane of gray values as a view.
