@@ -1,30 +1,11 @@
-//! Kernels, their buffers, and how a task runs on a device.
+//! How a task runs on a device.
 
 use std::collections::HashMap;
 
-use phasestereo_match::optimization::tasks::{MOST_RADIUS, Task};
-use phasestereo_match::optimization::{BAND, LOOKAHEAD_COLUMNS, LOOKAHEAD_ROWS, PANEL};
+use phasestereo_match::optimization::kernels::{BUFFERS, FOUND, constants, sizes, steps};
+use phasestereo_match::optimization::tasks::Task;
 
 use crate::device::Device;
-
-/// The shader, after the constants.
-pub const SHADER: &str = include_str!("search.wgsl");
-
-/// Threads of a workgroup, at least: those of a path, or of several. It is the width of most GPUs.
-const THREADS: u32 = 32;
-/// Words and columns of a workgroup that sums, and rows that it sums one after another. Not swept, for lack of
-/// a device, as the next one.
-const SUMMED_WORDS: u32 = 8;
-const SUMMED_COLUMNS: u32 = 32;
-// Some of the columns that are summed are those of windows' centers.
-const _: () = assert!(SUMMED_COLUMNS > 2 * MOST_RADIUS as u32);
-const SUMMED_ROWS: u32 = 64;
-/// Columns of a workgroup that chooses.
-const CHOSEN_COLUMNS: u32 = 64;
-
-/// Task, left and right codes, pixels; costs, totals, totals from below, and what is found.
-const BUFFERS: usize = 8;
-const FOUND: usize = BUFFERS - 1;
 
 /// What is kept from one task to the next.
 #[derive(Debug)]
@@ -38,22 +19,13 @@ pub struct Memory {
     read: Option<wgpu::Buffer>,
 }
 
-/// The kernels for a number of words, in the order in which they run.
+/// The kernels for a number of words, which are compiled when a task first runs them.
 #[derive(Debug)]
 struct Kernels {
+    module: wgpu::ShaderModule,
     layout: wgpu::BindGroupLayout,
-    /// Paths of a workgroup.
-    paths: u32,
-    aggregate: wgpu::ComputePipeline,
-    along_rows: wgpu::ComputePipeline,
-    climb_columns: wgpu::ComputePipeline,
-    fall_columns: wgpu::ComputePipeline,
-    choose: wgpu::ComputePipeline,
-}
-
-/// Paths of a workgroup, where each has this many threads.
-fn paths(words: u32) -> u32 {
-    (THREADS / words).max(1)
+    whole_layout: wgpu::PipelineLayout,
+    pipelines: HashMap<&'static str, wgpu::ComputePipeline>,
 }
 
 impl Memory {
@@ -67,13 +39,13 @@ impl Memory {
             .kernels
             .entry(task.words())
             .or_insert_with(|| Kernels::new(device, self.shader, task.words()));
-        let volume = task.volume_bytes();
-        let from_below = if task.is_along_columns() { volume } else { 4 };
-        let found = 4 * task.found_words() as u64;
-        let inputs = [bytemuck::cast_slice(&task.numbers), task.left, task.right, task.pixels];
-        let sizes = inputs.map(|bytes| bytes.len() as u64);
-        let sizes = sizes.into_iter().chain([volume, volume, from_below, found]);
+        let steps = steps(task);
+        for (kernel, _) in &steps {
+            kernels.compile(device, kernel);
+        }
 
+        let sizes = sizes(task);
+        let found = sizes[FOUND];
         let usages =
             [wgpu::BufferUsages::UNIFORM].into_iter().chain([wgpu::BufferUsages::STORAGE; BUFFERS - 1]);
         for ((buffer, size), usage) in self.buffers.iter_mut().zip(sizes).zip(usages) {
@@ -83,6 +55,7 @@ impl Memory {
         let read =
             fit(&mut self.read, device, found, wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ);
         let buffers: Vec<_> = self.buffers.iter().flatten().collect();
+        let inputs = [bytemuck::cast_slice(&task.numbers), task.left, task.right, task.pixels];
         for (buffer, bytes) in buffers.iter().zip(inputs) {
             device.queue.write_buffer(buffer, 0, bytes);
         }
@@ -102,8 +75,8 @@ impl Memory {
         {
             let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default());
             pass.set_bind_group(0, &group, &[]);
-            for (kernel, [x, y, z]) in kernels.steps(task) {
-                pass.set_pipeline(kernel);
+            for (kernel, [x, y, z]) in steps {
+                pass.set_pipeline(&kernels.pipelines[kernel]);
                 pass.dispatch_workgroups(x, y, z);
             }
         }
@@ -129,14 +102,8 @@ fn fit<'a>(
 
 impl Kernels {
     fn new(device: &Device, shader: &str, words: u32) -> Self {
-        let (device, paths) = (&device.handle, paths(words));
-        let source = format!(
-            "const WORDS: u32 = {words}u;\nconst PATHS: u32 = {paths}u;\nconst PANEL: i32 = {PANEL};\n\
-             const BAND: i32 = {BAND};\nconst COLUMNS_AHEAD: i32 = {LOOKAHEAD_COLUMNS};\n\
-             const ROWS_AHEAD: i32 = {LOOKAHEAD_ROWS};\nconst SUMMED_WORDS: u32 = {SUMMED_WORDS}u;\n\
-             const SUMMED_COLUMNS: u32 = {SUMMED_COLUMNS}u;\nconst SUMMED_ROWS: i32 = {SUMMED_ROWS};\n\
-             const CHOSEN_COLUMNS: u32 = {CHOSEN_COLUMNS}u;\n{shader}"
-        );
+        let device = &device.handle;
+        let source = format!("{}{shader}", constants(words));
         let source = wgpu::ShaderSource::Wgsl(source.into());
         let module = device.create_shader_module(wgpu::ShaderModuleDescriptor { label: None, source });
 
@@ -154,47 +121,23 @@ impl Kernels {
         let entries = &entries;
         let layout =
             device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: None, entries });
-        let whole = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+        let whole_layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
             bind_group_layouts: &[Some(&layout)],
             ..Default::default()
         });
-        let kernel = |name| {
-            device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-                label: Some(name),
-                layout: Some(&whole),
-                module: &module,
-                entry_point: Some(name),
+        Self { module, layout, whole_layout, pipelines: HashMap::new() }
+    }
+
+    fn compile(&mut self, device: &Device, kernel: &'static str) {
+        self.pipelines.entry(kernel).or_insert_with(|| {
+            device.handle.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+                label: Some(kernel),
+                layout: Some(&self.whole_layout),
+                module: &self.module,
+                entry_point: Some(kernel),
                 compilation_options: wgpu::PipelineCompilationOptions::default(),
                 cache: None,
             })
-        };
-
-        Self {
-            aggregate: kernel("aggregate"),
-            along_rows: kernel("along_rows"),
-            climb_columns: kernel("climb_columns"),
-            fall_columns: kernel("fall_columns"),
-            choose: kernel("choose"),
-            paths,
-            layout,
-        }
-    }
-
-    /// The kernels of a task, each with its workgroups.
-    fn steps(&self, task: &Task) -> Vec<(&wgpu::ComputePipeline, [u32; 3])> {
-        let (cols, rows) = (task.cols(), task.rows());
-        let summed = SUMMED_COLUMNS - 2 * task.radius();
-        let sums = [
-            cols.div_ceil(summed),
-            task.words().div_ceil(SUMMED_WORDS),
-            task.seen_rows().div_ceil(SUMMED_ROWS),
-        ];
-        let mut steps = vec![(&self.aggregate, sums), (&self.along_rows, [rows.div_ceil(self.paths), 1, 1])];
-        if task.is_along_columns() {
-            let bands = [cols.div_ceil(self.paths), task.bands(), 1];
-            steps.extend([(&self.climb_columns, bands), (&self.fall_columns, bands)]);
-        }
-        steps.push((&self.choose, [cols.div_ceil(CHOSEN_COLUMNS), rows, 1]));
-        steps
+        });
     }
 }

@@ -25,9 +25,9 @@
 //!
 //! The feature `python` makes the extension module of the Python distribution `phasestereo-gpu` of it.
 //!
-//! `search.wgsl` has all kernels and describes them. It needs no optional feature of WebGPU. All arithmetic
-//! is that of integers, so a driver either computes the bits of the core or is wrong; its
-//! tests compare the two on any adapter, as Mesa's lavapipe, which needs no GPU.
+//! [`SHADER`] has all kernels and describes them. It needs no optional feature of WebGPU. All arithmetic is that
+//! of integers, so a driver either computes the bits of the core or is wrong; the tests here compare the two on
+//! any adapter, as Mesa's lavapipe, which needs no GPU.
 
 mod device;
 mod kernels;
@@ -42,15 +42,13 @@ use std::sync::Mutex;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::optimization::engine::{Chunk, Engine};
 use phasestereo_match::optimization::evidence::Evidence;
+use phasestereo_match::optimization::kernels::{MOST_BYTES, SHADER};
 use phasestereo_match::optimization::tasks::{self, Limits, Task};
 
 pub use self::device::{Adapter, Kind, adapters};
 
 use self::device::Device;
-use self::kernels::{Memory, SHADER};
-
-/// Bytes of the largest volume, unless [`Gpu::with_memory`] changes it: not swept, for lack of a device.
-const MOST_BYTES: u64 = 256 << 20;
+use self::kernels::Memory;
 
 /// A GPU that searches. Any number of threads may use one; it works on one chunk at a time.
 #[derive(Debug)]

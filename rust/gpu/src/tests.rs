@@ -23,7 +23,6 @@ use proptest::sample::{Index, select};
 use proptest::test_runner::RngSeed;
 
 use super::*;
-use crate::kernels::SHADER;
 
 /// A GPU whose every answer is compared with the core's.
 #[derive(Debug)]

@@ -26,6 +26,7 @@
 pub mod edges;
 pub mod engine;
 pub mod evidence;
+pub mod kernels;
 pub mod memory;
 pub mod ordered;
 pub mod panel_ranges;
