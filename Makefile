@@ -13,7 +13,7 @@ PART ?= 0
 SHARD = $(shell expr \( `date +%s` / 604800 \* 3 + $(PART) \) % $(SHARDS))
 # Distributions on top of the core: installed from here before anything asks for them, so that PyPI is not asked.
 OURS := python/phasestereo-live python/phasestereo-large benches/harness
-RUST := Cargo.toml Cargo.lock $(shell find rust -name '*.rs' -o -name Cargo.toml)
+RUST := Cargo.toml Cargo.lock $(shell find rust -name '*.rs' -o -name '*.wgsl' -o -name Cargo.toml)
 # What installs or builds waits for another make that does; without flock, as on macOS, there should be one make at a time.
 # A line every 15 s shows that a step goes on; the last crate alone compiles for a minute.
 ALONE := $(if $(shell command -v flock),flock --close Makefile )sh -c '\

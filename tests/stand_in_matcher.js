@@ -43,5 +43,6 @@ async function match({ width, height, data }, right, options) {
   const findings = [failure, found.findings[0]];
   return {
     width, height, disparity, flags, confidence, uncertainty, found: { ...found, range, findings }, milliseconds: 12.3,
+    engine: "nvidia ampere",
   };
 }

@@ -1,14 +1,17 @@
-// Matches stereo pairs in the browser: the core runs as WebAssembly on a thread of its own, and nothing leaves the machine.
+// Matches stereo pairs in the browser: the core runs as WebAssembly on a thread of its own, with the GPU where there is WebGPU,
+// and nothing leaves the machine.
 
 /**
  * Starts the core.
  *
- * @param {{wasm: string | URL}} options - `wasm`: where the module is, relative to this file.
+ * @param {{wasm?: string | URL, device?: "auto" | "cpu" | "gpu"}} options - `wasm`: where the module is, relative to this file;
+ *   `device`: what searches, with the same bits: "gpu" the browser's adapter, even if it is software, which is slower than the
+ *   core; "auto" one that is not, where the browser has WebGPU and JavaScript Promise Integration, else the core.
  * @returns {Promise<Matcher>} once it is loaded and warmed up; an Error if it cannot be.
  */
-export async function createMatcher({ wasm = "phasestereo.wasm" } = {}) {
+export async function createMatcher({ wasm = "phasestereo.wasm", device = "auto" } = {}) {
   const matcher = new Matcher();
-  await matcher.call("load", { wasm: new URL(wasm, import.meta.url).href });
+  await matcher.call("load", { wasm: new URL(wasm, import.meta.url).href, device });
   return matcher;
 }
 
@@ -63,9 +66,11 @@ class Matcher {
    * @param {{preset?: "robust" | "fast" | "paper", numDisparities?: number, minDisparity?: number}} options -
    *   the disparities [minDisparity, minDisparity + numDisparities) are searched; numDisparities 0: they are found.
    * @returns {Promise<{width: number, height: number, disparity: Float32Array, flags: Uint16Array,
-   *   confidence: Float32Array | null, uncertainty: Float32Array | null, found: Found, milliseconds: number}>} disparities
-   *   in pixels, NaN where there is none; confidences from 0 to 1, and error bars in pixels (half the width of what holds
-   *   the true disparity with a probability of 90 %), null where the preset has none; the time of the core alone.
+   *   confidence: Float32Array | null, uncertainty: Float32Array | null, found: Found, milliseconds: number,
+   *   engine: string}>} disparities in pixels, NaN where there is none; confidences from 0 to 1, and error bars in pixels
+   *   (half the width of what holds the true disparity with a probability of 90 %), null where the preset has none; the time
+   *   of the core and the GPU alone; the name of the adapter if it searched, else "WebAssembly". A GPU that fails is not
+   *   asked again: the core searches, and a finding reports it.
    */
   match(left, right, { preset = "robust", numDisparities = 0, minDisparity = 0 } = {}) {
     return this.call("match", { left, right, preset, numDisparities, minDisparity });

@@ -136,7 +136,8 @@ function tellFigures(result, truth, preset) {
   element("wrong-shown").textContent = truth ? share((at) => !(maps.error[at] <= 1)) : "";
   element("wrong-shown").parentElement.hidden = !truth;
   element("time-shown").textContent = `${Math.max(1, Math.round(result.milliseconds))} ms`;
-  element("preset-shown").textContent = `with ${preset}`;
+  const by = `with ${preset}, ${result.engine}`;
+  Object.assign(element("preset-shown"), { textContent: by, title: by }); // a long name is cut on a telephone
 }
 
 // The pair
@@ -296,7 +297,8 @@ function showFirst() {
 
 async function start() {
   bindPage();
-  const loading = createMatcher({ wasm: "phasestereo.wasm" }); // on a thread of its own, while this one renders
+  const device = new URLSearchParams(location.search).get("device") ?? "auto";
+  const loading = createMatcher({ wasm: "phasestereo.wasm", device }); // on a thread of its own, while this one renders
   takeScene(element("pair").value);
   showFirst();
   try {

@@ -1,4 +1,7 @@
-// Loads the core's WebAssembly and works off what matcher.js asks for, one call after another.
+// Loads the core's WebAssembly and works off what matcher.js asks for, one call after another: while the core waits for the
+// GPU, nothing else may call it.
+
+import { openGpu } from "./gpu.js";
 
 // Sizes of the C interface's structs, see rust/c/phasestereo.h; each begins with its own, but for those of lists. Pointers
 // and sizes take four bytes.
@@ -21,10 +24,16 @@ const WARM_UP = { width: 160, height: 120, numDisparities: 32, shift: 5, rounds:
 let module = null; // compiled
 let core = null; // what its instance exports
 let matchers = new Map(); // by preset
+let gpu = null; // what searches for the core; null: the core itself
+let last = Promise.resolve(); // the call before
 
 const tasks = { load, check, match };
 
-onmessage = async ({ data: { id, task, options } }) => {
+onmessage = ({ data }) => {
+  last = last.then(() => answer(data));
+};
+
+async function answer({ id, task, options }) {
   try {
     const value = await tasks[task](options);
     const sent = [value?.disparity, value?.flags, value?.confidence, value?.uncertainty];
@@ -34,9 +43,11 @@ onmessage = async ({ data: { id, task, options } }) => {
     if (error instanceof WebAssembly.RuntimeError) core = null;
     postMessage({ id, error: error.message });
   }
-};
+}
 
-async function load({ wasm }) {
+async function load({ wasm, device }) {
+  const opening = openGpu(device);
+  opening.catch(() => {}); // it is awaited below
   const response = await fetch(wasm);
   if (!response.ok) throw new Error(`${wasm}: ${response.status} ${response.statusText}`);
   module = await WebAssembly.compile(await response.arrayBuffer());
@@ -47,6 +58,8 @@ async function load({ wasm }) {
       await match({ left, right, preset, numDisparities: WARM_UP.numDisparities, minDisparity: 0 });
     }
   }
+  gpu = await opening;
+  if (gpu) core = null; // the next instance can wait for it
 }
 
 /** An image of noise, moved by this many pixels to the left. */
@@ -63,17 +76,17 @@ function texture(shift) {
 
 async function check({ left, right, minDisparity, numDisparities }) {
   await start();
-  return borrowed(({ image, sized }) => {
+  return borrowed(async ({ image, sized }) => {
     const [first, second, found] = [image(left, "left"), image(right, "right"), sized(FOUND)];
-    const matcher = matcherOf("robust");
-    refuse(core.phasestereo_check(matcher, first, second, minDisparity, numDisparities, found));
+    const matcher = await matcherOf("robust");
+    refuse(await called("check", matcher, first, second, minDisparity, numDisparities, found));
     return { ...readFound(found), findings: readFindings(sized(FINDING)) };
   });
 }
 
 async function match({ left, right, preset, minDisparity, numDisparities }) {
   await start();
-  return borrowed(({ image, memory, sized }) => {
+  return borrowed(async ({ image, memory, sized }) => {
     const { width, height } = left;
     const [first, second, found] = [image(left, "left"), image(right, "right"), sized(FOUND)];
     const planes = [4, 2, 4, 4].map((bytes) => ({ start: memory(bytes * width * height), bytes }));
@@ -81,11 +94,9 @@ async function match({ left, right, preset, minDisparity, numDisparities }) {
     const fields = [MAP, ...planes.flatMap(({ start, bytes }) => [start, bytes * width])];
     new Uint32Array(core.memory.buffer, map, fields.length).set(fields);
 
-    const matcher = matcherOf(preset);
-    const started = performance.now();
-    const status = core.phasestereo_match(
-      matcher, first, second, minDisparity, numDisparities, map, found,
-    );
+    const matcher = await matcherOf(preset);
+    const [started, before] = [performance.now(), gpu?.tasks];
+    const status = await called("match", matcher, first, second, minDisparity, numDisparities, map, found);
     const milliseconds = performance.now() - started;
     refuse(status);
 
@@ -102,29 +113,45 @@ async function match({ left, right, preset, minDisparity, numDisparities }) {
       uncertainty: Number.isNaN(confidence[0]) ? null : uncertainty, // both are there, or none is
       found: { ...readFound(found), findings: readFindings(sized(FINDING)) },
       milliseconds,
+      engine: gpu?.tasks > before && !gpu.failure ? gpu.name : "WebAssembly",
     };
   });
 }
 
 async function start() {
   if (core === null) {
-    core = (await WebAssembly.instantiate(module, {})).exports;
+    const page = { phasestereo_search: gpu ? new WebAssembly.Suspending(search) : search };
+    core = (await WebAssembly.instantiate(module, { page })).exports;
     matchers = new Map();
   }
 }
 
+/** Calls a function that may search. */
+function called(name, ...given) {
+  const work = core[`phasestereo_${name}`];
+  return gpu ? WebAssembly.promising(work)(...given) : work(...given);
+}
+
+/** Has the GPU do what the core plans, which waits for it; returns 0, or the bytes of the reason why it could not. */
+async function search(start, length) {
+  const bytes = ([at, count]) => new Uint8Array(core.memory.buffer, at, count);
+  const plan = JSON.parse(new TextDecoder().decode(bytes([start >>> 0, length])));
+  return new TextEncoder().encodeInto(await gpu.search(plan, bytes), bytes(plan.reason)).written;
+}
+
 /** The matcher with the settings of a preset, kept with its memory. */
-function matcherOf(preset) {
+async function matcherOf(preset) {
   if (!matchers.has(preset)) {
-    const matcher = borrowed(({ text }) => core.phasestereo_new(text(preset), 0, 0, 1));
+    const matcher = await borrowed(({ text }) => core.phasestereo_new(text(preset), 0, 0, 1));
     if (matcher === 0) throw new Error(readError());
-    matchers.set(preset, matcher);
+    const { threads, buffer } = gpu?.limits ?? {};
+    matchers.set(preset, gpu ? core.phasestereo_with_gpu(matcher, threads, buffer) : matcher);
   }
   return matchers.get(preset);
 }
 
 /** Does some work with memory of the core's, which is given back after it. */
-function borrowed(work) {
+async function borrowed(work) {
   const taken = [];
   const memory = (bytes) => {
     const start = core.phasestereo_allocate(bytes);
@@ -133,7 +160,7 @@ function borrowed(work) {
     return start;
   };
   try {
-    return work({
+    return await work({
       memory,
       sized: (bytes) => {
         const start = memory(bytes);

@@ -106,7 +106,7 @@ def test_a_slider_matches_at_once_and_again_when_it_rests(opened: Browser) -> No
     ]
 
     assert opened.text("time-shown") == "12 ms"
-    assert "with robust" in opened.text("preset-shown")
+    assert opened.text("preset-shown") == "with robust, nvidia ampere"
 
 
 def test_the_other_side_is_spoiled_and_all_goes_back(opened: Browser) -> None:
@@ -460,6 +460,21 @@ def test_all_of_it_is_small(core: Path) -> None:
     sizes = {path.name: len(zlib.compress(path.read_bytes(), 9)) for path in core.iterdir()}
     assert {"index.html", "viewer.js", "page.js", CORE.name} <= sizes.keys()
     assert sum(sizes.values()) < MOST_BYTES
+
+
+def test_the_page_names_what_searched(browser: Browser, site: str, core: Path) -> None:
+    """Software is used only if the address asks for it."""
+    open_page(browser, f"{site}/{core.name}")
+    assert browser.text("preset-shown") == "with robust, WebAssembly"
+    expected = browser.run("return [...maps.disparity].join()")
+
+    browser.visit(f"{site}/{core.name}/index.html?device=gpu")
+    browser.wait("document.documentElement.dataset.matched", 120)
+    if (refused := browser.text("trouble")).startswith("The matcher could not be loaded: device"):
+        pytest.skip(refused)
+    assert browser.text("preset-shown") == "with robust, google swiftshader"
+    assert browser.run("return [...maps.disparity].join()") == expected
+    assert browser.complaints() == []
 
 
 @pytest.mark.parametrize(("cols", "rows"), [(1, 1), (1, 5000), (60_000, 1)])

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from phasestereo.io.raster import decode_raster
 
-# WebGL is drawn by SwiftShader, on the processor; whatever leads out of the machine goes nowhere.
+# SwiftShader draws WebGL and computes WebGPU, on the processor; whatever leads out of the machine
+# goes nowhere.
 _OPTIONS = (
     "--headless=new",
     "--no-sandbox",
@@ -26,6 +27,8 @@ _OPTIONS = (
     "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
     "--ignore-gpu-blocklist",
+    "--enable-unsafe-webgpu",
+    "--use-webgpu-adapter=swiftshader",
     "--hide-scrollbars",
     "--force-color-profile=srgb",
     "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1",

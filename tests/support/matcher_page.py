@@ -55,7 +55,7 @@ class MatcherPage:
     def call(self, task: str, pair: Pair, **options: Any) -> dict[str, Any]:
         """Return the outcome of a call: ``value`` or ``error``."""
         self.browser.run(_CALL, task, [_sent(image) for image in pair], options)
-        self.browser.wait("window.outcome !== null")
+        self.browser.wait("window.outcome !== null", 120)
         outcome: dict[str, Any] = self.browser.run("return window.outcome")
         return outcome
 
@@ -74,7 +74,8 @@ def _sent(image: Image) -> tuple[int, int, str]:
     """Return an image as RGBA, as a page has it."""
     height, width = image.shape[:2]
     rgba = np.full((height, width, 4), 255, np.uint8)
-    rgba[:, :, :3] = image.reshape(height, width, -1)
+    planes = image.reshape(height, width, -1)
+    rgba[:, :, : max(3, planes.shape[2])] = planes
     return width, height, base64.b64encode(rgba.tobytes()).decode()
 
 

@@ -45,7 +45,9 @@ fn header() -> String {
         export: ExportConfig {
             rename: names.map(renamed).into_iter().collect(),
             // Of the module for browsers alone.
-            exclude: ["phasestereo_allocate", "phasestereo_release"].map(Into::into).into(),
+            exclude: ["allocate", "release", "search", "with_gpu"]
+                .map(|name| format!("phasestereo_{name}"))
+                .into(),
             ..Default::default()
         },
         ..Config::default()
