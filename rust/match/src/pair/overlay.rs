@@ -311,9 +311,12 @@ impl Part<'_> {
     /// Whether an area is an overlay; `edges`: those that are equal on one side alone, and all.
     fn is_overlay(&self, area: &Area, edges: [u32; 2], overlay: &Overlay) -> bool {
         let [outline, edges] = edges.map(f64::from);
+        let least = LEAST_PAINTED[usize::from(outline < LEAST_OUTLINE * edges)];
+        if self.painted(area) < least {
+            return false;
+        }
         let chance = f64::from(self.chance(area));
-        let painted = LEAST_PAINTED[usize::from(outline < LEAST_OUTLINE * edges)];
-        if edges < CLEAR_EDGES * chance || !is_certain(edges, chance) || self.painted(area) < painted {
+        if edges < CLEAR_EDGES * chance || !is_certain(edges, chance) {
             return false;
         }
         let [here, elsewhere] = self.beside(area, overlay);
