@@ -269,7 +269,7 @@ pub fn shown_axis([left, right]: &Grays, level: Level, control: &Control) -> Res
     let factor = left.cols().div_ceil(MOST_COLUMNS).max(1);
     let pair = [smaller(left, factor)?, smaller(right, factor)?];
     let (size, [left, right]) = ((pair[0].rows(), pair[0].cols()), features(&pair, level, control)?);
-    let codes = [left.codes(0.0), right.codes(0.0)];
+    let codes = [left.codes(0.0, level), right.codes(0.0, level)];
     let found = matches::matched([&left, &right], [&codes[0], &codes[1]], size.1, level);
     Ok(axis::axis(&found, size))
 }
@@ -369,9 +369,9 @@ fn matched(
         return Ok(Err(Refusal::Corners(corners)));
     }
 
-    let codes = left.codes(0.0);
+    let codes = left.codes(0.0, level);
     let turned = |turn: f64| {
-        let others = right.codes(turn.to_radians());
+        let others = right.codes(turn.to_radians(), level);
         let found = matches::matched([&left, &right], [&codes, &others], cols, level);
         let agree = consensus::agreeing(&found, cols);
         (agree.iter().filter(|is_in| **is_in).count(), found, agree)

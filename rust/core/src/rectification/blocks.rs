@@ -16,7 +16,7 @@ use std::array::from_fn;
 
 use super::cameras::{Backward, Cameras, Point};
 use super::corners::{Corner, corners};
-use super::filters::{reduced, smoothed};
+use super::filters::{gradients, reduced, smoothed};
 use super::matches::CornerMatch;
 use crate::estimation::registration::Peak;
 use phasestereo_match::base::error::Result;
@@ -30,13 +30,15 @@ const CORNERS: usize = 2000;
 const BORDER: usize = 16;
 /// Side of a block.
 const SIDE: usize = 24;
+/// Products that are summed at once, of which a block has a multiple, and places that are computed at once.
+const LANES: usize = 16;
 /// How many columns and rows away blocks are searched for in images of half the size and in whole ones. With 4
 /// rows in the first, one of 12 toed-in pairs is not rectified; 12 take half as long again and gain nothing.
 const SEARCH: [[usize; 2]; 2] = [[12, 7], [4, 4]];
 /// Radius of the windows that light is taken out over, and what is added to the variance.
 const EVEN: (usize, f64) = (15, 9.0);
 /// Rows that one task evens out.
-const BAND: usize = 64;
+const BAND: usize = 128;
 /// Gray values in steps of 1 / 8; deviations in steps of 1 / 64 and at most this many.
 const STEPS: [f32; 2] = [8.0, 64.0];
 const LARGEST: f32 = 1023.0;
@@ -73,7 +75,7 @@ pub fn blocks(
 ) -> Result<Vec<Block>> {
     let [left, right] = [warped(pair[0], cameras, 0, level)?, warped(pair[1], cameras, 1, level)?];
     let (rows, cols) = (left.rows(), left.cols());
-    let found = corners(&smoothed(&left, SMOOTHING[1], level)?, CORNERS, BORDER, level)?;
+    let found = corners(&gradients(&smoothed(&left, SMOOTHING[1], level)?, level)?, CORNERS, BORDER, level)?;
     let guesses = guesses(&found, cameras, matches);
 
     let half = |image: &Plane<f32>| -> Result<Plane<i16>> {
@@ -120,19 +122,20 @@ fn guesses(corners: &[Corner], cameras: &Cameras, matches: &[CornerMatch]) -> Ve
 
     let guess = |corner: &Corner| {
         let [x, y] = corner.pixel.map(|at| at as f64);
-        let far = |[place, _]: &[Point; 2]| (place[0] - x).powi(2) + (place[1] - y).powi(2);
-        let mut order: Vec<(f64, usize)> = known.iter().map(far).zip(0..).collect();
-        let count = NEAREST.min(order.len());
-        if count == 0 {
-            return [0.0; 2];
+        let mut nearest: [Option<(f64, &[Point; 2])>; NEAREST] = [None; NEAREST];
+        for one in &known {
+            let far = (one[0][0] - x).powi(2) + (one[0][1] - y).powi(2);
+            let is_nearer = |than: &Option<(f64, _)>| than.is_none_or(|(than, _)| far < than);
+            if is_nearer(&nearest[NEAREST - 1]) {
+                let at = nearest.partition_point(|than| !is_nearer(than));
+                nearest[at..].rotate_right(1);
+                nearest[at] = Some((far, one));
+            }
         }
-        order.select_nth_unstable_by(count - 1, |one, other| {
-            one.0.total_cmp(&other.0).then(one.1.cmp(&other.1))
-        });
 
         let near = |axis: usize| {
-            let by = |(_, index): &(f64, usize)| known[*index][1][axis] - known[*index][0][axis];
-            median(order[..count].iter().map(by)).unwrap_or(0.0)
+            let by = |(_, [left, right]): &(f64, &[Point; 2])| right[axis] - left[axis];
+            median(nearest.iter().flatten().map(by)).unwrap_or(0.0)
         };
         [near(0), near(1)]
     };
@@ -152,8 +155,14 @@ fn warped(image: &Plane<f32>, cameras: &Cameras, side: usize, level: Level) -> R
 /// A row of the rectified image.
 #[leveled]
 fn warp_row(level: Level, image: &Plane<f32>, backward: Backward, y: usize, out: &mut [f32]) {
-    for (x, value) in out.iter_mut().enumerate() {
-        *value = bicubic(image, backward.place([x as f64, y as f64]));
+    let mut places = [[0.0; 2]; LANES];
+    for (index, out) in out.chunks_mut(LANES).enumerate() {
+        for (x, place) in (index * LANES..).zip(&mut places) {
+            *place = backward.place([x as f64, y as f64]);
+        }
+        for (value, place) in out.iter_mut().zip(places) {
+            *value = bicubic(image, place);
+        }
     }
 }
 
@@ -194,17 +203,18 @@ fn keys(t: f32) -> [f32; 4] {
 fn even(image: &Plane<f32>, level: Level) -> Result<Plane<i16>> {
     let size = (image.rows(), image.cols());
     let step = f64::from(STEPS[0]);
-    let gray = image.map(|value| (value * STEPS[0]).round().clamp(-4096.0, 4096.0) as i32);
+    // Sums of integers are exact, as doubles, too, which are added side by side.
+    let gray = image.map(|value| (value * STEPS[0]).round().clamp(-4096.0, 4096.0));
 
     let windows = Windows { size, radius: EVEN.0, beyond: Beyond::Nothing };
     let values = |y: usize| {
-        let row = gray.row(y).iter().map(|value| i64::from(*value));
+        let row = gray.row(y).iter().map(|value| f64::from(*value));
         row.map(|value| [value, value * value])
     };
-    let even = |y: usize, x: usize, [sum, squares]: [i64; 2]| {
+    let even = |y: usize, x: usize, [sum, squares]: [f64; 2]| {
         let share = 1.0 / f64::from(windows.pixels(y, x));
-        let mean = sum as f64 * share;
-        let variance = (squares as f64 * share - mean * mean).max(0.0);
+        let mean = sum * share;
+        let variance = (squares * share - mean * mean).max(0.0);
         let deviation = (variance + EVEN.1 * step * step).sqrt();
         let even = (f64::from(gray.row(y)[x]) - mean) / deviation;
         (even as f32 * STEPS[1]).clamp(-LARGEST, LARGEST).round() as i16
@@ -240,7 +250,8 @@ fn correlated(
     let block = cut(&images[0], [left, top], [SIDE; 2]);
     let first = [left + to[0] - search[0] as isize, top + to[1] - search[1] as isize];
     let area = cut(&images[1], first, search.map(|reach| SIDE + 2 * reach));
-    let surface = correlate(level, &block, &area, search);
+    let products = products(level, &block, &area, search);
+    let surface = correlate(level, &block, &area, &products, search);
 
     let peak = peak(&surface, search.map(|reach| 2 * reach + 1))?;
     let by = from_fn(|axis| to[axis] as f64 - search[axis] as f64 + peak.by[axis]);
@@ -264,7 +275,7 @@ fn cut(image: &Plane<i16>, [left, top]: [isize; 2], [cols, rows]: [usize; 2]) ->
 
 /// The correlations of a block with all blocks of an area.
 #[leveled]
-fn correlate(level: Level, block: &[i16], area: &[i16], search: [usize; 2]) -> Vec<f64> {
+fn correlate(level: Level, block: &[i16], area: &[i16], products: &[i32], search: [usize; 2]) -> Vec<f64> {
     let [across, down] = search.map(|reach| 2 * reach + 1);
     let width = across + SIDE - 1;
     let pixels = (SIDE * SIDE) as i64;
@@ -290,17 +301,8 @@ fn correlate(level: Level, block: &[i16], area: &[i16], search: [usize; 2]) -> V
             sum += i64::from(columns[dx + SIDE - 1][0]);
             squares += i64::from(columns[dx + SIDE - 1][1]);
 
-            let mut product = 0i32;
-            for k in 0..SIDE {
-                let one: &[i16] = &block[k * SIDE..][..SIDE];
-                let other: &[i16] = &area[(dy + k) * width + dx..][..SIDE];
-                for (a, b) in one.iter().zip(other) {
-                    product += i32::from(*a) * i32::from(*b);
-                }
-            }
-
             let variance = pixels * squares - sum * sum;
-            let together = pixels * i64::from(product) - own * sum;
+            let together = pixels * i64::from(products[dy * across + dx]) - own * sum;
             let scale = (own_variance as f64 * variance as f64).sqrt();
             out.push(if scale > 0.0 { together as f64 / scale } else { 0.0 });
 
@@ -311,6 +313,34 @@ fn correlate(level: Level, block: &[i16], area: &[i16], search: [usize; 2]) -> V
     }
 
     out
+}
+
+/// The products of a block with all blocks of an area. Those at one column lie one after the other in a strip
+/// of the area.
+#[leveled]
+fn products(level: Level, block: &[i16], area: &[i16], search: [usize; 2]) -> Vec<i32> {
+    let [across, down] = search.map(|reach| 2 * reach + 1);
+    let mut products = vec![0; across * down];
+    let mut strip = Vec::with_capacity((down + SIDE - 1) * SIDE);
+    for dx in 0..across {
+        strip.clear();
+        for row in area.chunks_exact(across + SIDE - 1) {
+            strip.extend_from_slice(&row[dx..][..SIDE]);
+        }
+        for dy in 0..down {
+            let mut sums = [0i32; LANES];
+            // Of arrays instead of slices, or of slices whose number is not known, the compiler makes products of
+            // a few values each.
+            let other = strip[dy * SIDE..][..SIDE * SIDE].chunks_exact(LANES);
+            for (a, b) in block[..SIDE * SIDE].chunks_exact(LANES).zip(other) {
+                for (sum, (a, b)) in sums.iter_mut().zip(a.iter().zip(b)) {
+                    *sum += i32::from(*a) * i32::from(*b);
+                }
+            }
+            products[dy * across + dx] = sums.iter().sum();
+        }
+    }
+    products
 }
 
 #[inline(always)]
@@ -387,7 +417,8 @@ mod tests {
         let area = cut(&image, [14, 15], [SIDE + 8, SIDE + 6]);
         for (name, level) in Level::all() {
             let Some(level) = level else { continue };
-            let found = correlate(level, &block, &area, search);
+            let products = products(level, &block, &area, search);
+            let found = correlate(level, &block, &area, &products, search);
             for (index, value) in found.iter().enumerate() {
                 let at = [14 + (index % 9) as isize, 15 + (index / 9) as isize];
                 let expected = plain(&block, &cut(&image, at, [SIDE; 2]));

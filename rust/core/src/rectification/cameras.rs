@@ -169,21 +169,38 @@ impl Cameras {
     }
 
     /// The principal point of a rectified image: column and row.
+    #[inline(always)]
     pub fn center(&self, side: usize) -> Point {
         let middle = self.middle();
         from_fn(|axis| middle[axis] + self.shifts[side][axis])
     }
 
     /// The middle of the rectified images before they are moved.
+    #[inline(always)]
     fn middle(&self) -> Point {
         [0.5 * (self.size.1 as f64 - 1.0), 0.5 * (self.size.0 as f64 - 1.0)]
     }
 
     /// Where something in a raw image is in the rectified one.
+    #[inline(always)]
     pub fn rectified(&self, raw: Point, side: usize) -> Point {
         let ray = self.sides[side].ray(raw);
         let center = self.center(side);
         from_fn(|axis| self.focal * ray.turned[axis] / ray.turned[2] + center[axis])
+    }
+
+    /// Where some pixels of a row of a raw image are in the rectified one, from a column on.
+    #[inline(always)]
+    pub fn rectified_row<const N: usize>(&self, first: usize, y: usize, side: usize) -> [Point; N] {
+        let (camera, center) = (&self.sides[side], self.center(side));
+        let raw: [Point; N] = from_fn(|at| [(first + at) as f64, y as f64]);
+        let places = raw.map(|raw| from_fn(|axis| (raw[axis] - camera.center[axis]) / camera.focal));
+        let distorted = places.map(|[x, y]: Point| (x * x + y * y).sqrt());
+        let radii = camera.undistorted(distorted);
+        from_fn(|at| {
+            let turned = camera.ray_of(places[at], distorted[at], radii[at]).turned;
+            from_fn(|axis| self.focal * turned[axis] / turned[2] + center[axis])
+        })
     }
 
     /// Where something in a rectified image is in the raw one; `None` where no ray of that camera comes from.
@@ -322,23 +339,46 @@ struct Ray {
 }
 
 impl Camera {
+    #[inline(always)]
     fn ray(&self, raw: Point) -> Ray {
-        let [k1, k2] = self.distortion;
         let [x, y]: Point = from_fn(|axis| (raw[axis] - self.center[axis]) / self.focal);
         let distorted = (x * x + y * y).sqrt();
+        let [radius] = self.undistorted([distorted]);
+        self.ray_of([x, y], distorted, radius)
+    }
 
-        let slope = |square: f64| (1.0 + square * (3.0 * k1 + 5.0 * k2 * square)).max(LEAST_SLOPE);
-        let mut radius = distorted.min(self.reach);
+    /// The radii of some that are distorted.
+    #[inline(always)]
+    fn undistorted<const N: usize>(&self, distorted: [f64; N]) -> [f64; N] {
+        let [k1, k2] = self.distortion;
+        let mut radii = distorted.map(|radius| radius.min(self.reach));
         for _ in 0..STEPS {
-            let square = radius * radius;
-            let excess = radius * (1.0 + square * (k1 + square * k2)) - distorted;
-            let next = (radius - excess / slope(square)).clamp(0.0, self.reach);
-            if next.to_bits() == radius.to_bits() {
+            let mut change = 0.0;
+            for (radius, distorted) in radii.iter_mut().zip(&distorted) {
+                let square = *radius * *radius;
+                let excess = *radius * (1.0 + square * (k1 + square * k2)) - distorted;
+                let next = (*radius - excess / self.slope(square)).max(0.0).min(self.reach);
+                change += (next - *radius).abs();
+                *radius = next;
+            }
+            if change <= 0.0 {
                 break;
             }
-            radius = next;
         }
+        radii
+    }
 
+    /// The slope of the distorted radius where the undistorted one has this square.
+    #[inline(always)]
+    fn slope(&self, square: f64) -> f64 {
+        let [k1, k2] = self.distortion;
+        (1.0 + square * (3.0 * k1 + 5.0 * k2 * square)).max(LEAST_SLOPE)
+    }
+
+    /// The ray of a raw pixel at this distorted place, whose radius is undistorted to this one.
+    #[inline(always)]
+    fn ray_of(&self, [x, y]: Point, distorted: f64, radius: f64) -> Ray {
+        let [k1, k2] = self.distortion;
         let shorter = if distorted > 1e-9 { radius / distorted } else { 1.0 };
         let place @ [x, y] = [x * shorter, y * shorter];
         let square = x * x + y * y;
@@ -351,7 +391,7 @@ impl Camera {
             square,
             longer: (1.0 + square * (k1 + square * k2)).max(LEAST_SLOPE),
             bend: k1 + 2.0 * square * k2,
-            slope: slope(square),
+            slope: self.slope(square),
             turned,
         }
     }

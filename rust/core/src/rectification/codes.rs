@@ -16,12 +16,12 @@
 use std::array::from_fn;
 
 use super::corners::{Corner, corners};
-use super::filters::{gradients, reduced, smoothed, smoothed_channels};
+use super::filters::{Kernel, gradients, reduced, smoothed};
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::math;
 use phasestereo_match::base::plane::Plane;
-use phasestereo_match::base::simd::Level;
+use phasestereo_match::base::simd::{Level, leveled};
 
 /// Most columns of the first level.
 const COLUMNS: usize = 800;
@@ -61,7 +61,10 @@ pub struct Features {
     pub places: Vec<[f64; 2]>,
     /// Columns of the image under a column of the level that a corner was found on.
     pub scales: Vec<f64>,
+    /// The corners of each level, and its energies under the Gaussian along rows.
     levels: Vec<(Vec<Corner>, Plane<f32>)>,
+    /// That Gaussian, which they are under along columns only where they are looked at.
+    gaussian: Kernel,
 }
 
 impl Features {
@@ -70,7 +73,8 @@ impl Features {
         let (rows, cols) = (image.rows(), image.cols());
         let factor = cols.div_ceil(COLUMNS);
         let first = reduced(image, (rows / factor, cols / factor))?;
-        let mut features = Self { places: vec![], scales: vec![], levels: vec![] };
+        let gaussian = Kernel::gaussian(SMOOTHING[1], DIRECTIONS);
+        let mut features = Self { places: vec![], scales: vec![], levels: vec![], gaussian };
 
         for (scale, most) in LEVELS {
             control.checkpoint()?;
@@ -82,46 +86,55 @@ impl Features {
 
             let smaller = reduced(&first, (rows_here, cols_here))?;
             let smaller = smoothed(&smaller, SMOOTHING[0], level)?;
-            let found = corners(&smaller, most, BORDER, level)?;
+            let gradients = gradients(&smaller, level)?;
+            let found = corners(&gradients, most, BORDER, level)?;
 
             let steps = [cols as f64 / cols_here as f64, rows as f64 / rows_here as f64];
             let place = |corner: &Corner| [0, 1].map(|axis| (corner.place[axis] + 0.5) * steps[axis] - 0.5);
             features.places.extend(found.iter().map(place));
             features.scales.resize(features.places.len(), steps[0]);
-            features.levels.push((found, energies(&smaller, level)?));
+            let energies = energies(&gradients, &features.gaussian, level)?;
+            features.levels.push((found, energies));
         }
 
         Ok(features)
     }
 
     /// The codes that the corners would have if the image were turned by so much, radians.
-    pub fn codes(&self, turn: f64) -> Vec<CornerCode> {
+    pub fn codes(&self, turn: f64, level: Level) -> Vec<CornerCode> {
         let sampling = Sampling::new(turn);
-        let codes = self
-            .levels
-            .iter()
-            .flat_map(|(corners, energies)| corners.iter().map(|corner| sampling.code(corner, energies)));
-        codes.collect()
+        let of_level = |(corners, energies): &(Vec<Corner>, Plane<f32>)| -> Vec<CornerCode> {
+            corners.iter().map(|corner| code(level, &sampling, corner, energies, &self.gaussian)).collect()
+        };
+        self.levels.iter().flat_map(of_level).collect()
     }
 }
 
-/// The energies of all directions, side by side at each pixel.
-fn energies(image: &Plane<f32>, level: Level) -> Result<Plane<f32>> {
-    let [along, down] = gradients(image)?;
+/// The energies of all directions, side by side at each pixel, under a Gaussian along rows.
+fn energies([along, down]: &[Plane<f32>; 2], gaussian: &Kernel, level: Level) -> Result<Plane<f32>> {
     let directions: [[f32; 2]; DIRECTIONS] = from_fn(|direction| {
         let angle = std::f64::consts::TAU * direction as f64 / DIRECTIONS as f64;
         [math::cos(angle), math::sin(angle)].map(|value| value as f32)
     });
+    let size = (along.rows(), along.cols() * DIRECTIONS);
+    gaussian.along(size, level, |y, out| write_energies(level, along.row(y), down.row(y), &directions, out))
+}
 
-    let mut all = Plane::new(image.rows(), image.cols() * DIRECTIONS)?;
-    let pixels = all.as_mut_slice().chunks_exact_mut(DIRECTIONS);
-    for ((energies, along), down) in pixels.zip(along.as_slice()).zip(down.as_slice()) {
-        for (energy, [cos, sin]) in energies.iter_mut().zip(&directions) {
+#[leveled]
+fn write_energies(
+    level: Level,
+    along: &[f32],
+    down: &[f32],
+    directions: &[[f32; 2]; DIRECTIONS],
+    out: &mut [f32],
+) {
+    let pixels = out.chunks_exact_mut(DIRECTIONS);
+    for ((energies, along), down) in pixels.zip(along).zip(down) {
+        for (energy, [cos, sin]) in energies.iter_mut().zip(directions) {
             let rise = (along * cos + down * sin).max(0.0);
             *energy = rise * rise;
         }
     }
-    smoothed_channels(&all, DIRECTIONS, SMOOTHING[1], level)
 }
 
 /// Where energies are sampled around a corner.
@@ -147,29 +160,36 @@ impl Sampling {
         let turn = (by.floor() as usize, (by - by.floor()) as f32);
         Self { points: (0..side * side).map(point).collect(), turn }
     }
+}
 
-    fn code(&self, corner: &Corner, energies: &Plane<f32>) -> CornerCode {
-        let near = |place: usize, by: f64, length: usize| {
-            ((place as f64 + by).round().max(0.0) as usize).min(length - 1)
-        };
-        let (whole, rest) = self.turn;
+#[leveled]
+fn code(
+    level: Level,
+    sampling: &Sampling,
+    corner: &Corner,
+    energies: &Plane<f32>,
+    gaussian: &Kernel,
+) -> CornerCode {
+    let near = |place: usize, by: f64, length: usize| {
+        ((place as f64 + by).round().max(0.0) as usize).min(length - 1)
+    };
+    let (whole, rest) = sampling.turn;
 
-        let mut code = [0.0; LENGTH];
-        for (values, ([x, y], weight)) in code.chunks_exact_mut(DIRECTIONS).zip(&self.points) {
-            let [column, row] = corner.pixel;
-            let row = energies.row(near(row, *y, energies.rows()));
-            let first = DIRECTIONS * near(column, *x, row.len() / DIRECTIONS);
-            let energies: [f32; DIRECTIONS] = from_fn(|direction| row[first + direction].sqrt());
+    let mut code = [0.0; LENGTH];
+    for (values, ([x, y], weight)) in code.chunks_exact_mut(DIRECTIONS).zip(&sampling.points) {
+        let [column, row] = corner.pixel;
+        let first = DIRECTIONS * near(column, *x, energies.cols() / DIRECTIONS);
+        let energies = gaussian.down_at(energies, near(row, *y, energies.rows()), first);
+        let energies: [f32; DIRECTIONS] = energies.map(f32::sqrt);
 
-            for (direction, value) in values.iter_mut().enumerate() {
-                let at = |by: usize| energies[(direction + whole + by) % DIRECTIONS];
-                *value = weight * ((1.0 - rest) * at(0) + rest * at(1));
-            }
+        for (direction, value) in values.iter_mut().enumerate() {
+            let at = |by: usize| energies[(direction + whole + by) % DIRECTIONS];
+            *value = weight * ((1.0 - rest) * at(0) + rest * at(1));
         }
-
-        let length = code.iter().fold(0.0f32, |sum, value| sum + value * value).sqrt();
-        let clipped = code.map(|value| (value / length.max(1e-6)).min(LARGEST));
-        let sum = clipped.iter().fold(0.0f32, |sum, value| sum + value).max(1e-6);
-        clipped.map(|value| (UNIT * (value / sum).sqrt()).round() as i16)
     }
+
+    let length = code.iter().fold(0.0f32, |sum, value| sum + value * value).sqrt();
+    let clipped = code.map(|value| (value / length.max(1e-6)).min(LARGEST));
+    let sum = clipped.iter().fold(0.0f32, |sum, value| sum + value).max(1e-6);
+    clipped.map(|value| (UNIT * (value / sum).sqrt()).round() as i16)
 }

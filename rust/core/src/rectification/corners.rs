@@ -10,15 +10,18 @@
 //!
 //! A parabola through the strengths of the neighbors gives the fraction of a pixel along each axis.
 
-use super::filters::{gradients, summed};
+use std::array::from_fn;
+
+use super::filters::Kernel;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::plane::Plane;
-use phasestereo_match::base::simd::Level;
+use phasestereo_match::base::simd::{Level, leveled};
 
 /// Rows and columns of cells over which corners are spread.
 const CELLS: (usize, usize) = (8, 12);
 /// Radius of the sums and of the maxima, pixels.
 const RADIUS: usize = 2;
+const SIDE: usize = 2 * RADIUS + 1;
 /// Least strength of a corner, summed over its window, where gray values go from 0 to 255.
 const STRENGTH: f32 = 7.5;
 
@@ -31,18 +34,21 @@ pub struct Corner {
     pub place: [f64; 2],
 }
 
-/// The corners of an image that are at least `border` pixels from its ends: about `most`, spread evenly.
-pub fn corners(image: &Plane<f32>, most: usize, border: usize, level: Level) -> Result<Vec<Corner>> {
-    let strength = strengths(image, level)?;
-    let (rows, cols) = (image.rows(), image.cols());
+/// The corners of an image of these gradients that are at least `border` pixels from its ends: about `most`,
+/// spread evenly.
+pub fn corners(gradients: &[Plane<f32>; 2], most: usize, border: usize, level: Level) -> Result<Vec<Corner>> {
+    let strength = strengths(gradients, level)?;
+    let (rows, cols) = (strength.rows(), strength.cols());
     let border = border.max(RADIUS + 1);
 
     let mut cells = vec![vec![]; CELLS.0 * CELLS.1];
+    let mut largest = vec![0.0; cols];
     for y in border..rows.saturating_sub(border) {
-        for x in border..cols.saturating_sub(border) {
-            let value = strength.row(y)[x];
-            if value > STRENGTH && is_largest(&strength, y, x) {
-                cells[y * CELLS.0 / rows * CELLS.1 + x * CELLS.1 / cols].push((value, y, x));
+        write_largest(level, &from_fn(|row| strength.row(y + row - RADIUS)), &mut largest);
+        let values = strength.row(y).iter().zip(&largest).enumerate();
+        for (x, (value, largest)) in values.take(cols.saturating_sub(border)).skip(border) {
+            if *value > STRENGTH && value >= largest {
+                cells[y * CELLS.0 / rows * CELLS.1 + x * CELLS.1 / cols].push((*value, y, x));
             }
         }
     }
@@ -56,27 +62,51 @@ pub fn corners(image: &Plane<f32>, most: usize, border: usize, level: Level) -> 
     Ok(cells.concat().into_iter().map(|(_, y, x)| corner(&strength, y, x)).collect())
 }
 
-fn strengths(image: &Plane<f32>, level: Level) -> Result<Plane<f32>> {
-    let [along, down] = gradients(image)?;
+fn strengths([along, down]: &[Plane<f32>; 2], level: Level) -> Result<Plane<f32>> {
+    let (size, sum) = ((along.rows(), along.cols()), Kernel::sum(RADIUS));
     let product = |one: &Plane<f32>, other: &Plane<f32>| {
-        let values = one.as_slice().iter().zip(other.as_slice()).map(|(a, b)| a * b).collect();
-        summed(&Plane::from_vec(image.rows(), image.cols(), values)?, RADIUS, level)
+        sum.along(size, level, |y, out| {
+            for (out, (a, b)) in out.iter_mut().zip(one.row(y).iter().zip(other.row(y))) {
+                *out = a * b;
+            }
+        })
     };
-    let (a, b, c) = (product(&along, &along)?, product(&along, &down)?, product(&down, &down)?);
+    let products = [product(along, along)?, product(along, down)?, product(down, down)?];
 
-    let sums = a.as_slice().iter().zip(b.as_slice()).zip(c.as_slice());
-    let smaller = |((a, b), c): ((&f32, &f32), &f32)| {
-        let half = 0.5 * (a - c);
-        0.5 * (a + c) - (half * half + b * b).sqrt()
-    };
-    Plane::from_vec(image.rows(), image.cols(), sums.map(smaller).collect())
+    let mut sums = [(); 3].map(|()| vec![0.0; size.1]);
+    let mut strength = Plane::new(size.0, size.1)?;
+    for y in 0..size.0 {
+        for (sums, product) in sums.iter_mut().zip(&products) {
+            sum.down(product, y, level, sums);
+        }
+        let [a, b, c] = &sums;
+        write_strengths(level, a, b, c, strength.row_mut(y));
+    }
+    Ok(strength)
 }
 
-/// Whether no neighbor is stronger.
-fn is_largest(strength: &Plane<f32>, y: usize, x: usize) -> bool {
-    let value = strength.row(y)[x];
-    let columns = x - RADIUS..=x + RADIUS;
-    (y - RADIUS..=y + RADIUS).all(|y| strength.row(y)[columns.clone()].iter().all(|other| *other <= value))
+/// The smaller eigenvalues of `[[a, b], [b, c]]`.
+#[leveled]
+fn write_strengths(level: Level, a: &[f32], b: &[f32], c: &[f32], out: &mut [f32]) {
+    for (out, ((a, b), c)) in out.iter_mut().zip(a.iter().zip(b).zip(c)) {
+        let half = 0.5 * (a - c);
+        *out = 0.5 * (a + c) - (half * half + b * b).sqrt();
+    }
+}
+
+/// The largest strength over the window around each pixel of the middle one of some rows; nothing at their
+/// ends.
+#[leveled]
+fn write_largest(level: Level, rows: &[&[f32]; SIDE], out: &mut [f32]) {
+    let mut columns = vec![0.0f32; out.len()];
+    for row in rows {
+        for (column, value) in columns.iter_mut().zip(*row) {
+            *column = if value > column { *value } else { *column };
+        }
+    }
+    for (out, window) in out.iter_mut().skip(RADIUS).zip(columns.windows(SIDE)) {
+        *out = window.iter().fold(0.0, |most, value| if *value > most { *value } else { most });
+    }
 }
 
 fn corner(strength: &Plane<f32>, y: usize, x: usize) -> Corner {

@@ -9,6 +9,8 @@
 //!
 //! Sums have a fixed order, so the bits depend neither on threads nor on instructions.
 
+use std::array::from_fn;
+
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::math;
 use phasestereo_match::base::plane::{Plane, reflect, zeroed};
@@ -21,6 +23,8 @@ const ENDS: [f64; 2] = [0.005, 0.995];
 const STRIDE: usize = 4;
 /// A Gaussian is cut off at this many standard deviations.
 const REACH: f64 = 3.0;
+/// Values that are summed at once.
+const LANES: usize = 64;
 
 /// The image with its values stretched to 0 to 255. What is not finite becomes black.
 pub fn stretched(image: &Plane<f32>) -> Plane<f32> {
@@ -45,6 +49,9 @@ pub fn cropped(image: &Plane<f32>, factor: usize) -> Result<Plane<f32>> {
 
 /// The image reduced to this many rows and columns.
 pub fn reduced(image: &Plane<f32>, (rows, cols): (usize, usize)) -> Result<Plane<f32>> {
+    if (rows, cols) == (image.rows(), image.cols()) {
+        return Ok(image.clone());
+    }
     let (above, beside) = (shares(image.rows(), rows), shares(image.cols(), cols));
     let mut out = Plane::new(rows, cols)?;
     let mut mean = zeroed(image.cols())?;
@@ -86,99 +93,147 @@ fn shares(from: usize, to: usize) -> Vec<(usize, Vec<f32>)> {
     (0..to).map(share).collect()
 }
 
+/// A symmetric kernel along both axes, for images of several values side by side in each pixel.
+pub struct Kernel {
+    /// The weights of the middle and of one side.
+    weights: Vec<f32>,
+    channels: usize,
+}
+
+impl Kernel {
+    /// A Gaussian of a standard deviation in pixels.
+    pub fn gaussian(sigma: f64, channels: usize) -> Self {
+        let radius = (REACH * sigma).ceil() as usize;
+        let mut weights: Vec<f64> =
+            (0..=radius).map(|k| math::exp(-0.5 * (k as f64 / sigma).powi(2))).collect();
+        let all = 2.0 * weights.iter().sum::<f64>() - weights[0];
+        for weight in &mut weights {
+            *weight /= all;
+        }
+        Self { weights: weights.iter().map(|weight| *weight as f32).collect(), channels }
+    }
+
+    /// The sum over a square of this radius.
+    pub fn sum(radius: usize) -> Self {
+        Self { weights: vec![1.0; radius + 1], channels: 1 }
+    }
+
+    fn radius(&self) -> usize {
+        self.weights.len() - 1
+    }
+
+    /// What `write` writes into each of some rows, under the kernel along it.
+    pub fn along(
+        &self,
+        (rows, cols): (usize, usize),
+        level: Level,
+        write: impl Fn(usize, &mut [f32]),
+    ) -> Result<Plane<f32>> {
+        let (radius, channels) = (self.radius(), self.channels);
+        let (margin, pixels) = (radius * channels, cols / channels);
+        let mut along = Plane::new(rows, cols)?;
+        let mut wide = zeroed(cols + 2 * margin)?;
+
+        for y in 0..rows {
+            write(y, &mut wide[margin..margin + cols]);
+            for at in (-(radius as isize)..0).chain(pixels as isize..(pixels + radius) as isize) {
+                let from = margin + reflect(at, pixels) * channels;
+                let to = (margin as isize + at * channels as isize) as usize;
+                wide.copy_within(from..from + channels, to);
+            }
+            let tap = |k: isize| &wide[((radius as isize + k) as usize) * channels..][..cols];
+            let sides: Vec<_> = (1..=radius as isize).map(|k| [tap(-k), tap(k)]).collect();
+            mix(level, &self.weights, tap(0), &sides, along.row_mut(y));
+        }
+        Ok(along)
+    }
+
+    /// Row `y` of what is under the kernel along rows, under that along columns.
+    pub fn down(&self, along: &Plane<f32>, y: usize, level: Level, out: &mut [f32]) {
+        let tap = |k: isize| along.row(reflect(y as isize + k, along.rows()));
+        let sides: Vec<_> = (1..=self.radius() as isize).map(|k| [tap(-k), tap(k)]).collect();
+        mix(level, &self.weights, tap(0), &sides, out);
+    }
+
+    /// `N` values of that row, from the one at `first` on.
+    #[inline(always)]
+    pub fn down_at<const N: usize>(&self, along: &Plane<f32>, y: usize, first: usize) -> [f32; N] {
+        let tap = |k: isize| &along.row(reflect(y as isize + k, along.rows()))[first..][..N];
+        let mut out = from_fn(|at| self.weights[0] * tap(0)[at]);
+        for (k, weight) in (1..).zip(&self.weights[1..]) {
+            for (out, (one, other)) in out.iter_mut().zip(tap(-k).iter().zip(tap(k))) {
+                *out += weight * (one + other);
+            }
+        }
+        out
+    }
+}
+
 /// The image under a Gaussian of a standard deviation in pixels.
 pub fn smoothed(image: &Plane<f32>, sigma: f64, level: Level) -> Result<Plane<f32>> {
-    smoothed_channels(image, 1, sigma, level)
-}
-
-/// The same for an image of several values side by side in each pixel.
-pub fn smoothed_channels(
-    image: &Plane<f32>,
-    channels: usize,
-    sigma: f64,
-    level: Level,
-) -> Result<Plane<f32>> {
-    let radius = (REACH * sigma).ceil() as usize;
-    let mut weights: Vec<f64> = (0..=radius).map(|k| math::exp(-0.5 * (k as f64 / sigma).powi(2))).collect();
-    let all = 2.0 * weights.iter().sum::<f64>() - weights[0];
-    for weight in &mut weights {
-        *weight /= all;
+    let (size, kernel) = ((image.rows(), image.cols()), Kernel::gaussian(sigma, 1));
+    let along = kernel.along(size, level, |y, out| out.copy_from_slice(image.row(y)))?;
+    let mut out = Plane::new(size.0, size.1)?;
+    for y in 0..size.0 {
+        kernel.down(&along, y, level, out.row_mut(y));
     }
-
-    let weights: Vec<f32> = weights.iter().map(|weight| *weight as f32).collect();
-    filtered(image, channels, &weights, level)
-}
-
-/// The sum over a square of this radius around each pixel.
-pub fn summed(image: &Plane<f32>, radius: usize, level: Level) -> Result<Plane<f32>> {
-    filtered(image, 1, &vec![1.0; radius + 1], level)
-}
-
-/// The image under a symmetric kernel, of which the weights of the middle and of one side are given, along
-/// both axes.
-fn filtered(image: &Plane<f32>, channels: usize, weights: &[f32], level: Level) -> Result<Plane<f32>> {
-    let (rows, cols) = (image.rows(), image.cols());
-    let radius = weights.len() - 1;
-    let (margin, pixels) = (radius * channels, cols / channels);
-    let mut along = Plane::new(rows, cols)?;
-    let mut wide = zeroed(cols + 2 * margin)?;
-
-    for y in 0..rows {
-        let row = image.row(y);
-        let pixel = |at: isize| &row[reflect(at, pixels) * channels..][..channels];
-        wide[margin..margin + cols].copy_from_slice(row);
-        for k in 1..=radius {
-            wide[margin - k * channels..][..channels].copy_from_slice(pixel(-(k as isize)));
-            let beyond = pixel((pixels + k - 1) as isize);
-            wide[margin + cols + (k - 1) * channels..][..channels].copy_from_slice(beyond);
-        }
-        let tap = |k: isize| &wide[((radius as isize + k) as usize) * channels..][..cols];
-        let sides: Vec<_> = (1..=radius as isize).map(|k| [tap(-k), tap(k)]).collect();
-        mix(level, weights, tap(0), &sides, along.row_mut(y));
-    }
-
-    let mut out = Plane::new(rows, cols)?;
-    for y in 0..rows {
-        let tap = |k: isize| along.row(reflect(y as isize + k, rows));
-        let sides: Vec<_> = (1..=radius as isize).map(|k| [tap(-k), tap(k)]).collect();
-        mix(level, weights, tap(0), &sides, out.row_mut(y));
-    }
-
     Ok(out)
 }
 
 /// The weighted sum of a row and of pairs of rows to its sides.
 #[leveled]
 fn mix(level: Level, weights: &[f32], middle: &[f32], sides: &[[&[f32]; 2]], out: &mut [f32]) {
-    for (out, middle) in out.iter_mut().zip(middle) {
-        *out = weights[0] * middle;
+    let mut chunks = out.chunks_exact_mut(LANES);
+    let mut first = 0;
+    for out in &mut chunks {
+        mix_from(first, weights, middle, sides, out);
+        first += LANES;
     }
+    mix_from(first, weights, middle, sides, chunks.into_remainder());
+}
 
+/// The same from a value on. Where their number is known, the sums stay in registers.
+#[inline(always)]
+fn mix_from(first: usize, weights: &[f32], middle: &[f32], sides: &[[&[f32]; 2]], out: &mut [f32]) {
+    let count = out.len();
+    let mut sums = [0.0; LANES];
+    for (sum, middle) in sums.iter_mut().zip(&middle[first..][..count]) {
+        *sum = weights[0] * middle;
+    }
     for (weight, [one, other]) in weights[1..].iter().zip(sides) {
-        for (out, (one, other)) in out.iter_mut().zip(one.iter().zip(*other)) {
-            *out += weight * (one + other);
+        let both = one[first..][..count].iter().zip(&other[first..][..count]);
+        for (sum, (one, other)) in sums.iter_mut().zip(both) {
+            *sum += weight * (one + other);
         }
     }
+    out.copy_from_slice(&sums[..count]);
 }
 
 /// The gradients along rows and along columns; 0 at the borders.
-pub fn gradients(image: &Plane<f32>) -> Result<[Plane<f32>; 2]> {
+pub fn gradients(image: &Plane<f32>, level: Level) -> Result<[Plane<f32>; 2]> {
     let (rows, cols) = (image.rows(), image.cols());
     let (mut along, mut down) = (Plane::new(rows, cols)?, Plane::new(rows, cols)?);
 
     for y in 1..rows.saturating_sub(1) {
-        let [above, here, below] = [y - 1, y, y + 1].map(|y| image.row(y));
-        let (along, down) = (along.row_mut(y), down.row_mut(y));
-
-        for x in 1..cols.saturating_sub(1) {
-            let column = |x: usize| above[x] + 2.0 * here[x] + below[x];
-            let row = |row: &[f32]| row[x - 1] + 2.0 * row[x] + row[x + 1];
-            along[x] = (column(x + 1) - column(x - 1)) / 8.0;
-            down[x] = (row(below) - row(above)) / 8.0;
-        }
+        let three = [y - 1, y, y + 1].map(|y| image.row(y));
+        write_gradients(level, three, along.row_mut(y), down.row_mut(y));
     }
 
     Ok([along, down])
+}
+
+/// Those of the middle one of three rows.
+#[leveled]
+fn write_gradients(level: Level, three: [&[f32]; 3], along: &mut [f32], down: &mut [f32]) {
+    let cols = along.len();
+    let [above, here, below] = three.map(|row| &row[..cols]);
+    let down = &mut down[..cols];
+    for x in 1..cols.saturating_sub(1) {
+        let column = |x: usize| above[x] + 2.0 * here[x] + below[x];
+        let row = |row: &[f32]| row[x - 1] + 2.0 * row[x] + row[x + 1];
+        along[x] = (column(x + 1) - column(x - 1)) / 8.0;
+        down[x] = (row(below) - row(above)) / 8.0;
+    }
 }
 
 #[cfg(test)]

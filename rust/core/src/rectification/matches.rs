@@ -27,6 +27,8 @@ const SAME: f64 = 3.0;
 const ELSEWHERE: f64 = 10.0;
 /// Several matches within a square of this many pixels are one on several levels.
 const SQUARE: f64 = 6.0;
+/// Products that are summed at once, of which a code has a multiple.
+const LANES: usize = 16;
 
 /// A place of the left image and that of the same thing in the right one: columns and rows.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -65,8 +67,8 @@ pub fn matched(
         let first = order.partition_point(|other| right.places[*other][1] < place[1] - window);
         let end = order.partition_point(|other| right.places[*other][1] <= place[1] + window);
         let near = order[first..end].iter().filter(|other| {
-            let ratio = scale / right.scales[**other];
-            (1.0 / SCALES..=SCALES).contains(&ratio)
+            let other = right.scales[**other];
+            *scale <= SCALES * other && other <= SCALES * scale
         });
 
         likenesses.clear();
@@ -127,8 +129,13 @@ fn distance(one: [f64; 2], other: [f64; 2]) -> f64 {
 #[leveled]
 fn write_products(level: Level, code: &CornerCode, codes: &[CornerCode], out: &mut [(usize, i32)]) {
     for (other, product) in out {
-        let terms = code.iter().zip(&codes[*other]);
-        *product = terms.map(|(a, b)| i32::from(*a) * i32::from(*b)).sum();
+        let mut sums = [0i32; LANES];
+        for (a, b) in code.chunks_exact(LANES).zip(codes[*other].chunks_exact(LANES)) {
+            for (sum, (a, b)) in sums.iter_mut().zip(a.iter().zip(b)) {
+                *sum += i32::from(*a) * i32::from(*b);
+            }
+        }
+        *product = sums.iter().sum();
     }
 }
 

@@ -18,7 +18,7 @@
 //!
 //! A pair that is hard to match for other reasons, as noise or blur, would only be resampled once more.
 //! Blocks that were followed often show that before any cameras are looked for, and matched corners before
-//! they are fitted to blocks, which takes ten times as long as a match.
+//! they are fitted to blocks, which takes longer than a match.
 
 use std::sync::Arc;
 

@@ -22,11 +22,15 @@ use super::cameras::{Backward, Cameras, Point};
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::plane::Plane;
+use phasestereo_match::base::simd::{Level, Loop, leveled};
 use phasestereo_match::image::pixels::{Input, Resampler};
 use phasestereo_match::image::resampling::{CENTER, STEPS, TAPS, WEIGHT_BITS, weights};
 use phasestereo_match::image::view::View;
 use phasestereo_match::matcher::Disparity;
 use phasestereo_match::refinement::flag;
+
+/// Pixels whose places are computed at once.
+const LANES: usize = 32;
 
 /// Where each pixel of a rectified image is in the raw one: column and row, NaN where no ray comes from.
 pub type Places = Plane<[f32; 2]>;
@@ -117,14 +121,36 @@ impl Resampler for Warp<'_> {
     ) -> Result<Vec<T>> {
         let source = RawPixels { pixels, rows, cols, channels, nearest };
         let out = Plane::by_rows((rows, cols * channels), self.control, |y, out: &mut [T]| {
-            for (out, place) in out.chunks_exact_mut(channels).zip(self.places.row(y)) {
-                match self.interpolation {
-                    Interpolation::Linear => source.write_linear(*place, out),
-                    Interpolation::Lanczos => source.write(*place, out),
+            match self.interpolation {
+                Interpolation::Linear => {
+                    let pixels = out.chunks_exact_mut(channels).zip(self.places.row(y));
+                    pixels.for_each(|(out, place)| source.write_linear(*place, out));
+                }
+                Interpolation::Lanczos => {
+                    Level::best().run(LanczosRow { source: &source, places: self.places.row(y), out });
                 }
             }
         })?;
         Ok(out.into_vec())
+    }
+}
+
+/// A row of resampled pixels, to be written.
+struct LanczosRow<'a, T, N> {
+    source: &'a RawPixels<'a, T, N>,
+    places: &'a [[f32; 2]],
+    out: &'a mut [T],
+}
+
+impl<T: Copy + Into<f64>, N: Fn(f64) -> T> Loop for LanczosRow<'_, T, N> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let weights = weights();
+        for (out, place) in self.out.chunks_exact_mut(self.source.channels).zip(self.places) {
+            self.source.write(weights, *place, out);
+        }
     }
 }
 
@@ -140,30 +166,37 @@ struct RawPixels<'a, T, N> {
 
 impl<T: Copy + Into<f64>, N: Fn(f64) -> T> RawPixels<'_, T, N> {
     /// Writes the channels at a place. Beyond the image its border is repeated; nowhere is 0.
-    fn write(&self, place: [f32; 2], out: &mut [T]) {
+    #[inline(always)]
+    fn write(&self, weights: &[[i32; TAPS]; STEPS as usize], place: [f32; 2], out: &mut [T]) {
         if place[0].is_nan() {
             return;
         }
 
         let steps = place.map(|at| (f64::from(at) * f64::from(STEPS)).round() as i64);
         let step = i64::from(STEPS);
-        let [along, down] = steps.map(|at| &weights()[at.rem_euclid(step) as usize]);
+        let [along, down] = steps.map(|at| &weights[at.rem_euclid(step) as usize]);
         let [column, row] = steps.map(|at| at.div_euclid(step) as isize - CENTER);
         let clamp = |at: isize, length: usize| at.clamp(0, length as isize - 1) as usize;
         let columns: [usize; TAPS] = from_fn(|tap| clamp(column + tap as isize, self.cols));
+        let length = self.cols * self.channels;
+        // Where the values lie side by side; else where none do.
+        let is_inside = self.channels == 1 && columns[TAPS - 1] - columns[0] == TAPS - 1;
+        let first = if is_inside { columns[0] } else { length };
 
         let scale = f64::from(1u32 << WEIGHT_BITS).powi(2);
         for (channel, out) in out.iter_mut().enumerate() {
-            let mut sum = 0.0;
+            let mut sums = [0.0; TAPS];
             for (tap, weight) in (0..).zip(down) {
-                let start = clamp(row + tap, self.rows) * self.cols;
-                let value = |at: usize| -> f64 { self.pixels[(start + at) * self.channels + channel].into() };
-                let mut of_row = 0.0;
-                for (weight, at) in along.iter().zip(columns) {
-                    of_row += f64::from(*weight) * value(at);
+                let row = &self.pixels[clamp(row + tap, self.rows) * length..][..length];
+                let values: [f64; TAPS] = match row[first..].first_chunk::<TAPS>() {
+                    Some(values) => values.map(Into::into),
+                    None => columns.map(|at| row[at * self.channels + channel].into()),
+                };
+                for (sum, value) in sums.iter_mut().zip(values) {
+                    *sum += f64::from(*weight) * value;
                 }
-                sum += f64::from(*weight) * of_row;
             }
+            let sum = sums.iter().zip(along).fold(0.0, |all, (sum, weight)| all + sum * f64::from(*weight));
             *out = (self.nearest)(sum / scale);
         }
     }
@@ -236,23 +269,33 @@ struct Claim {
     scale: f32,
 }
 
-fn claims(disparity: &Plane<f32>, cameras: &Cameras, control: &Control) -> Result<Plane<Claim>> {
-    let size @ (rows, cols) = (disparity.rows(), disparity.cols());
+fn claims(disparity_map: &Plane<f32>, cameras: &Cameras, control: &Control) -> Result<Plane<Claim>> {
+    let size @ (rows, cols) = (disparity_map.rows(), disparity_map.cols());
     let backward = cameras.backward(1);
-    Plane::by_rows(size, control, |y, out| {
-        for (x, claim) in out.iter_mut().enumerate() {
-            let place = [x as f64, y as f64];
-            let rectified = cameras.rectified(place, 0);
-            let [u, v] = rectified.map(f64::round);
-            let is_inside = (0.0..cols as f64).contains(&u) && (0.0..rows as f64).contains(&v);
-            let index = if is_inside { v as usize * cols + u as usize } else { rows * cols };
-
-            let claimed = disparity.as_slice().get(index);
-            let claimed = claimed.and_then(|d| claim_of(&backward, place, rectified, *d));
-            let [disparity, lower, scale] = claimed.unwrap_or([f32::NAN; 3]);
-            *claim = Claim { index: index as u64, disparity, lower, scale };
+    Plane::by_rows(size, control, |y, out: &mut [Claim]| {
+        for (index, out) in out.chunks_mut(LANES).enumerate() {
+            let first = index * LANES;
+            let places = rectified_row(Level::best(), cameras, [first, y]);
+            let mut disparities = [f32::NAN; LANES];
+            for ((claim, disparity), place) in out.iter_mut().zip(&mut disparities).zip(places) {
+                let [u, v] = place.map(f64::round);
+                let is_inside = (0.0..cols as f64).contains(&u) && (0.0..rows as f64).contains(&v);
+                let index = if is_inside { v as usize * cols + u as usize } else { rows * cols };
+                *disparity = disparity_map.as_slice().get(index).copied().unwrap_or(f32::NAN);
+                claim.index = index as u64;
+            }
+            let claims = claims_of(Level::best(), &backward, [first, y], &places, &disparities);
+            for (claim, [disparity, lower, scale]) in out.iter_mut().zip(claims) {
+                *claim = Claim { index: claim.index, disparity, lower, scale };
+            }
         }
     })
+}
+
+/// The places of pixels of the raw left image, from a column and row on, in the rectified one.
+#[leveled]
+fn rectified_row(level: Level, cameras: &Cameras, at: [usize; 2]) -> [Point; LANES] {
+    cameras.rectified_row(at[0], at[1], 0)
 }
 
 /// Where a claim of a raw left pixel is in the rectified left image.
@@ -336,16 +379,27 @@ fn rectified_claim(cameras: &Cameras, place: Point, claim: f32) -> Option<[f32; 
     is_found.then_some([disparity as f32, columns as f32])
 }
 
-/// Of a raw left pixel, its rectified place and a rectified disparity: by how many columns it is farther left in the raw right
-/// image, by how many rows lower, and how many raw columns a rectified one is there.
-fn claim_of(backward: &Backward, place: Point, rectified: Point, disparity: f32) -> Option<[f32; 3]> {
-    let at = |by: f64| backward.place([rectified[0] - by, rectified[1]]);
+/// Of raw left pixels from a column and row on, their rectified places and rectified disparities: by how many
+/// columns each is farther left in the raw right image, by how many rows lower, and how many raw columns a
+/// rectified one is there; NaN where one of them is not known.
+#[leveled]
+fn claims_of(
+    level: Level,
+    backward: &Backward,
+    at: [usize; 2],
+    rectified: &[Point; LANES],
+    disparities: &[f32; LANES],
+) -> [[f32; 3]; LANES] {
+    from_fn(|index| {
+        let ([x, y], disparity) = (rectified[index], f64::from(disparities[index]));
+        let place = |by: f64| backward.place([x - by, y]);
+        let (found, before, after) = (place(disparity), place(disparity - 0.5), place(disparity + 0.5));
 
-    let disparity = f64::from(disparity);
-    let (found, before, after) = (at(disparity), at(disparity - 0.5), at(disparity + 0.5));
-    let columns = place[0] - found[0];
-    let claim = [columns, found[1] - place[1], (before[0] - after[0]).abs()];
-    claim.iter().all(|value| value.is_finite()).then(|| claim.map(|value| value as f32))
+        let columns = (at[0] + index) as f64 - found[0];
+        let claim = [columns, found[1] - at[1] as f64, (before[0] - after[0]).abs()];
+        let is_known = claim[0].is_finite() & claim[1].is_finite() & claim[2].is_finite();
+        claim.map(|value| if is_known { value as f32 } else { f32::NAN })
+    })
 }
 
 fn sampled<T: Copy + Default + Send + Sync>(

@@ -137,6 +137,7 @@ impl GrayScale {
     }
 
     /// The nearest gray value, a tie being rounded away from the least one.
+    #[inline]
     pub fn nearest(&self, gray: f64) -> i32 {
         let least = f64::from(self.ends[0]);
         (least + (gray - least).round()).clamp(least, self.ends[1].into()) as i32
