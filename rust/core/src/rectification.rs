@@ -414,20 +414,24 @@ struct Refined {
 }
 
 /// Fits cameras to blocks, again and again, until they stay. Of those that corners agree with, the ones go on
-/// by which the first blocks are most probable.
+/// by which the blocks are most probable that the first of them find.
 fn refined(views: &[Views], starts: [(Cameras, f64); 3], level: Level, control: &Control) -> Result<Refined> {
     let doubtful = DOUBTFUL.0.max(DOUBTFUL.1 * starts[0].0.size().1 as f64);
-    let mut best = Refined::new(starts[0].0.clone(), starts[0].1);
-    for (cameras, near) in starts {
-        let mut found = Refined::new(cameras, near);
-        found.fit_to_blocks(views, level, control)?;
-
-        let is_sure = found.fit.as_ref().is_some_and(|fit| fit.spread < doubtful);
-        if found.improbability() <= best.improbability() {
-            best = found;
-        }
+    let [(cameras, near), others @ ..] = starts;
+    let mut blocks = found(views, &cameras, near, level, control)?;
+    let mut best = Refined::new(views, cameras, near, blocks.clone());
+    let mut is_sure = best.is_sure(doubtful);
+    for (cameras, near) in others {
         if is_sure {
             break;
+        }
+        if blocks.len() < LEAST_BLOCKS.0 {
+            blocks = found(views, &cameras, near, level, control)?;
+        }
+        let other = Refined::new(views, cameras, near, blocks.clone());
+        is_sure = other.is_sure(doubtful);
+        if other.improbability() <= best.improbability() {
+            best = other;
         }
     }
 
@@ -435,41 +439,41 @@ fn refined(views: &[Views], starts: [(Cameras, f64); 3], level: Level, control: 
         if best.fit.as_ref().is_none_or(|fit| best.change < STILL * fit.spread) {
             break;
         }
-        best.fit_to_blocks(views, level, control)?;
+        let blocks = found(views, &best.cameras, best.near, level, control)?;
+        best = Refined::new(views, best.cameras, best.near, blocks);
     }
     Ok(best)
 }
 
+/// The blocks that are found in the images that these cameras rectify, whose corners agree if their rows are
+/// so near.
+fn found(
+    views: &[Views],
+    cameras: &Cameras,
+    near: f64,
+    level: Level,
+    control: &Control,
+) -> Result<Vec<Block>> {
+    let mut found = vec![];
+    for views in views {
+        control.checkpoint()?;
+        found.extend(blocks::blocks(views.pair, cameras, &views.near(cameras, near), level)?);
+    }
+    Ok(found)
+}
+
 impl Refined {
-    /// Cameras that rows of corners so near agree with, before any blocks.
-    fn new(cameras: Cameras, near: f64) -> Self {
-        Self { cameras, near, blocks: vec![], weights: vec![], fit: None, change: f64::INFINITY }
-    }
-
-    /// How improbable the cameras are by the blocks.
-    fn improbability(&self) -> f64 {
-        self.fit.as_ref().map_or(f64::INFINITY, fit::CameraFit::improbability)
-    }
-
-    /// Finds blocks in the images that these cameras rectify, and fits the cameras to them anew.
-    fn fit_to_blocks(&mut self, views: &[Views], level: Level, control: &Control) -> Result<()> {
-        let before = self.cameras.clone();
-        let mut corners = vec![];
-        self.blocks.clear();
-        self.fit = None;
-        for views in views {
-            control.checkpoint()?;
-            let near = views.near(&before, self.near);
-            self.blocks.extend(blocks::blocks(views.pair, &before, &near, level)?);
-            corners.extend(near);
-        }
-        if self.blocks.len() < LEAST_BLOCKS.0 {
-            return Ok(());
+    /// Cameras fitted anew to blocks that they have found, and to corners so near.
+    fn new(views: &[Views], before: Cameras, near: f64, blocks: Vec<Block>) -> Self {
+        let count = blocks.len();
+        if count < LEAST_BLOCKS.0 {
+            return Self { cameras: before, near, blocks, weights: vec![], fit: None, change: f64::INFINITY };
         }
 
         // Blocks alone, then with the corners, as much less exact as their rows spread more.
-        let mut places: Vec<CornerMatch> = self.blocks.iter().map(|block| block.places).collect();
-        let mut weights: Vec<f64> = self.blocks.iter().map(|block| block.weight).collect();
+        let corners: Vec<CornerMatch> = views.iter().flat_map(|views| views.near(&before, near)).collect();
+        let mut places: Vec<CornerMatch> = blocks.iter().map(|block| block.places).collect();
+        let mut weights: Vec<f64> = blocks.iter().map(|block| block.weight).collect();
         let alone = fit::fit(&places, &weights, &before, Steps(15, 3));
 
         let rows = |cameras: &Cameras, one: &CornerMatch| cameras.row_difference([one.left, one.right]);
@@ -478,14 +482,25 @@ impl Refined {
         weights.resize(places.len(), (alone.spread / spread).powi(2).min(1.0));
         let both = fit::fit(&places, &weights, &alone.cameras, Steps(10, 0));
 
-        let count = self.blocks.len();
         let moved = |one: &CornerMatch| rows(&both.cameras, one) - rows(&before, one);
-        self.change = rms(places[..count].iter().map(moved));
-        self.near = (AGREE.0 * spread).max(AGREE.1 * before.size().1 as f64);
-        self.cameras = both.cameras.clone();
-        self.weights = both.weights[..count].to_vec();
-        self.fit = Some(both);
-        Ok(())
+        Self {
+            change: rms(places[..count].iter().map(moved)),
+            near: (AGREE.0 * spread).max(AGREE.1 * before.size().1 as f64),
+            cameras: both.cameras.clone(),
+            weights: both.weights[..count].to_vec(),
+            blocks,
+            fit: Some(both),
+        }
+    }
+
+    /// Whether the rows of blocks are less apart than where other cameras are tried, too.
+    fn is_sure(&self, doubtful: f64) -> bool {
+        self.fit.as_ref().is_some_and(|fit| fit.spread < doubtful)
+    }
+
+    /// How improbable the cameras are by the blocks.
+    fn improbability(&self) -> f64 {
+        self.fit.as_ref().map_or(f64::INFINITY, fit::CameraFit::improbability)
     }
 }
 
@@ -553,8 +568,8 @@ impl Refined {
             let CornerMatch { left, right } = block.places;
             self.cameras.is_folded(left, 0) || self.cameras.is_folded(right, 1)
         };
-        let count = self.blocks.iter().filter(is_folded).count();
-        count as f64 > FOLDED * self.blocks.len() as f64
+        let folded = self.blocks.iter().filter(is_folded).count();
+        folded as f64 > FOLDED * self.blocks.len() as f64
     }
 
     /// The blocks that agree with the cameras.

@@ -123,7 +123,7 @@ pub const CASES: &[Case] = &[
     case(Fault::None, SMALL, Work::Verify, 0xA857_A28D_4367_9459),
     case(Fault::Plain, SMALL, Work::Verify, 0xB606_B1F0_E25D_A004),
     case(Fault::Distorted, LARGE, Work::Cameras, 0x8409_60F0_2B1B_3C3F),
-    case(Fault::Turned, LARGE, Work::Cameras, 0x37DE_10F1_BCDA_C7A5),
+    case(Fault::Turned, LARGE, Work::Cameras, 0x97AA_9C1A_0881_4515),
 ];
 
 impl Case {
