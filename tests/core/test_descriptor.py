@@ -48,7 +48,9 @@ def uncertainty(gray: NDArray[np.float64], neighborhood: int) -> NDArray[np.floa
     half = neighborhood // 2
     padded = np.pad(absolute, half, mode="symmetric")
     windows = np.lib.stride_tricks.sliding_window_view(padded, (neighborhood, neighborhood))
-    bound: NDArray[np.float64] = TABLE_ERROR * neighborhood**0.5 * windows.sum((2, 3))[..., None] + 1e-9
+    bound: NDArray[np.float64] = (
+        TABLE_ERROR * neighborhood**0.5 * windows.sum((2, 3))[..., None] + 1e-9
+    )
     return bound
 
 
