@@ -34,7 +34,7 @@ async function opened(isSoftwareAccepted) {
   // By which WebAssembly waits for what is asynchronous.
   if (!WebAssembly.Suspending) throw new Error("the browser has no JavaScript Promise Integration");
   const adapter = await navigator.gpu.requestAdapter({ powerPreference: "high-performance" });
-  if (!adapter) throw new Error("there is no adapter");
+  if (!adapter) throw new Error("the browser offers no adapter");
   // Slower than the core.
   const isSoftware = adapter.info.isFallbackAdapter ?? adapter.isFallbackAdapter;
   if (isSoftware && !isSoftwareAccepted) throw new Error("the adapter is software");

@@ -67,7 +67,7 @@ class Matcher {
    *   the disparities [minDisparity, minDisparity + numDisparities) are searched; numDisparities 0: they are found.
    * @returns {Promise<{width: number, height: number, disparity: Float32Array, flags: Uint16Array,
    *   confidence: Float32Array | null, uncertainty: Float32Array | null, found: Found, milliseconds: number,
-   *   engine: string}>} disparities in pixels, NaN where there is none; confidences from 0 to 1, and error bars in pixels
+   *   engine: string}>} disparities in pixels, NaN without an estimate; confidences from 0 to 1, and error bars in pixels
    *   (half the width of what holds the true disparity with a probability of 90 %), null where the preset has none; the time
    *   of the core and the GPU alone; the name of the adapter if it searched, else "WebAssembly". A GPU that fails is not
    *   asked again: the core searches, and a finding reports it.

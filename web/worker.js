@@ -67,7 +67,7 @@ async function load({ wasm, device }) {
   for (const preset of PRESETS) {
     const { disparity } = await warmUp(preset);
     const isSame = disparity.every((value, at) => Object.is(value, known[preset].disparity[at]));
-    if (!isSame) gpu.failure ||= "its driver computes something else than the processor";
+    if (!isSame) gpu.failure ||= "its results differ from those of the processor";
   }
 }
 

@@ -6,8 +6,6 @@ Chromium's SwiftShader computes on the processor as a GPU would.
 # Who tests a thing knows that it is there: no assertions for the type checker alone.
 # mypy: no-strict-optional
 
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -21,6 +19,7 @@ from support.matcher_page import (
     MatcherPage,
     Pair,
     address as address,  # noqa: PLC0414 - a fixture
+    assert_same_maps,
 )
 
 NAME = "google swiftshader"
@@ -145,7 +144,7 @@ FAULTS = {
         self.setTimeout = (done, time) => setTimeout(done, time / 60);
         GPUBuffer.prototype.mapAsync = () => new Promise(() => {});
     """,
-    "something else than the processor": """
+    "differ from those of the processor": """
         const { getMappedRange } = GPUBuffer.prototype;
         GPUBuffer.prototype.getMappedRange = function (...given) {
             const range = getMappedRange.apply(this, given);
@@ -159,7 +158,7 @@ FAULTS = {
 def created(
     browser: Browser, address: str, device: str, patch: str = ""
 ) -> tuple[MatcherPage, str]:
-    """Return a page with a matcher, and why there is none."""
+    """Return a page with a matcher, and the message if that was refused, else an empty text."""
     browser.visit(f"{address}/matcher.js")
     browser.run(_WORKER, patch)
     browser.run(_CREATE, f"{address}/matcher.js", device, f"{device} {patch}")
@@ -179,15 +178,6 @@ def on_gpu(browser: Browser, address: str, patch: str = "") -> MatcherPage:
 def submitted(page: MatcherPage) -> int:
     """Return the number of tasks that the GPU was given."""
     return int(page.browser.run("return window.matcher.call('report', {})"))
-
-
-def same(found: dict[str, Any], expected: ps.Result) -> None:
-    for name in MAPS:
-        wanted = expected.maps.get(name)
-        if wanted is None:
-            assert found[name] is None
-        else:
-            np.testing.assert_array_equal(found[name], wanted)
 
 
 def rendered(rows: int, cols: int) -> Pair:
@@ -227,7 +217,9 @@ def test_maps_are_those_of_the_core_to_the_bit(
     pair, before = rendered(*size), submitted(page)
     found = page.match(pair, preset=preset, minDisparity=minimum, numDisparities=count)
     assert (found["engine"], submitted(page) > before) == (NAME, True)
-    same(found, ps.match(*pair, preset=preset, min_disparity=minimum, num_disparities=count))
+    assert_same_maps(
+        found, ps.match(*pair, preset=preset, min_disparity=minimum, num_disparities=count)
+    )
 
 
 @pytest.mark.parametrize(("rows", "cols", "count"), [(70, 75, 9), (150, 60, 18)])
@@ -237,7 +229,7 @@ def test_paths_along_columns_are_those_of_the_core(
     page, pair = on_gpu(browser, address, _SGM), rendered(rows, cols)
     found = page.match(pair, preset="fast", numDisparities=count)
     assert (found["engine"], submitted(page) > 0) == (NAME, True)
-    same(found, ps.match(*pair, preset="fast", optimizer="sgm", num_disparities=count))
+    assert_same_maps(found, ps.match(*pair, preset="fast", optimizer="sgm", num_disparities=count))
 
 
 def test_both_versions_of_the_right_image_are_searched(page: MatcherPage) -> None:
@@ -245,7 +237,7 @@ def test_both_versions_of_the_right_image_are_searched(page: MatcherPage) -> Non
     found = page.match(pair, numDisparities=20)
     assert (found["engine"], submitted(page) > before) == (NAME, True)
     assert {blur["side"] for blur in found["found"]["blur"]} == {"none", "left"}
-    same(found, ps.match(*pair, num_disparities=20))
+    assert_same_maps(found, ps.match(*pair, num_disparities=20))
 
 
 def test_a_gpu_with_little_memory_searches_bands_one_by_one(
@@ -276,7 +268,7 @@ def test_masks_are_left_to_the_core(page: MatcherPage) -> None:
     expected = ps.match(
         left, right, preset="fast", num_disparities=16, left_mask=masks[0], right_mask=masks[1]
     )
-    same(found, expected)
+    assert_same_maps(found, expected)
 
 
 @pytest.mark.parametrize("reason", FAULTS)
@@ -288,7 +280,7 @@ def test_a_device_that_fails_leaves_the_match_to_the_core(
     presets: list[PresetName] = ["robust", "fast"]
     for preset in presets:
         found = page.match(pair, preset=preset, numDisparities=20)
-        same(found, ps.match(*pair, preset=preset, num_disparities=20))
+        assert_same_maps(found, ps.match(*pair, preset=preset, num_disparities=20))
         assert found["engine"] == "WebAssembly"
         said = [one["sentence"] for one in found["found"]["findings"]]
         failed = "the GPU failed, and the processor took over, with the same result: "
@@ -305,7 +297,7 @@ def test_software_is_used_only_if_it_is_asked_for(browser: Browser, address: str
         assert refused == ""
         found = page.match(pair, preset="fast", numDisparities=16)
         assert (found["engine"], submitted(page)) == ("WebAssembly", 0)
-    same(found, ps.match(*pair, preset="fast", num_disparities=16))
+    assert_same_maps(found, ps.match(*pair, preset="fast", num_disparities=16))
 
 
 @pytest.mark.parametrize(
@@ -327,7 +319,7 @@ def test_browsers_without_it_have_the_core(
     assert refused == ""
     pair = rendered(48, 64)
     found = page.match(pair, preset="fast", numDisparities=16)
-    same(found, ps.match(*pair, preset="fast", num_disparities=16))
+    assert_same_maps(found, ps.match(*pair, preset="fast", num_disparities=16))
     assert (found["engine"], submitted(page)) == ("WebAssembly", 0)
 
 

@@ -5,14 +5,11 @@
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 import pytest
 
 import phasestereo as ps
 from phasestereo.io import read_image
-from phasestereo.result import MAPS
 from phasestereo.settings import PresetName
 from phasestereo_bench.degradation import Degradation, disk_psf
 from phasestereo_bench.rendering import render_pair
@@ -21,6 +18,7 @@ from support.matcher_page import (
     MatcherPage,
     Pair,
     address as address,  # noqa: PLC0414 - a fixture
+    assert_same_maps,
     page as page,  # noqa: PLC0414 - a fixture
 )
 
@@ -83,21 +81,12 @@ def rendered() -> Pair:
     return Degradation(disk_psf(3.0), noise=1.0)(pair.left), pair.right
 
 
-def _same(found: dict[str, Any], expected: ps.Result) -> None:
-    for name in MAPS:
-        wanted = expected.maps.get(name)
-        if wanted is None:
-            assert found[name] is None
-        else:
-            np.testing.assert_array_equal(found[name], wanted)
-
-
 @pytest.mark.parametrize("preset", ["robust", "fast", "paper"])
 def test_maps_are_those_of_python_to_the_bit(
     page: MatcherPage, rendered: Pair, preset: PresetName
 ) -> None:
     found = page.match(rendered, preset=preset, numDisparities=48)
-    _same(found, ps.match(*rendered, preset=preset, num_disparities=48))
+    assert_same_maps(found, ps.match(*rendered, preset=preset, num_disparities=48))
     assert found["milliseconds"] > 0
 
 
@@ -107,7 +96,7 @@ def test_a_real_pair_is_matched_over_the_range_that_is_found(page: MatcherPage, 
 
     expected = ps.match(*pair)
     found = page.match(pair)
-    _same(found, expected)
+    assert_same_maps(found, expected)
 
     span = found["found"]["range"]
     assert (span["minDisparity"], span["numDisparities"], span["origin"]) == (
@@ -160,7 +149,7 @@ def test_faults_are_reported_and_the_next_call_works(page: MatcherPage, rendered
         outcome = page.call("match", pair, **options)
         assert outcome["error"].startswith(message)
 
-    _same(
+    assert_same_maps(
         page.match(rendered, preset="fast", numDisparities=48),
         ps.match(*rendered, preset="fast", num_disparities=48),
     )

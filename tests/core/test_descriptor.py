@@ -16,7 +16,7 @@ Taper = Literal["uniform", "gaussian", "hann"]
 # How far a component was found to be from the exact one at most, per unit of gray summed over its
 # neighborhood, for L = 1: the integer tables are rounded to steps of L / 1000, and the errors of L
 # taps cancel, so that what is left grows as the root of L.
-TABLE_ERROR = 0.0005
+TABLE_ERROR = 0.0004
 
 FAMILIES = [
     (neighborhood, r, s, power, bits)
@@ -70,7 +70,8 @@ def assert_like_oracle(
     expected = oracle.levels(spectrum, power, bits)
 
     np.testing.assert_array_equal(levels[~near], expected[~near])
-    assert near.mean() < 0.5, "the bound excuses too much to be a test"
+    most = 0.25 if neighborhood < 15 else 0.4  # the larger it is, the coarser the tables
+    assert near.mean() < most, "the bound excuses too much to be a test"
 
 
 @pytest.mark.parametrize("family", FAMILIES)
@@ -131,7 +132,8 @@ def test_weak_parts_follow_the_formulas(
     near = np.abs(np.abs(oracle.parts(spectrum, power)) - threshold**power) <= reach
 
     np.testing.assert_array_equal(found[~near], expected[~near])
-    assert near.mean() < 0.5, "the bound excuses too much to be a test"
+    most = 0.25 if neighborhood < 15 else 0.4  # the larger it is, the coarser the tables
+    assert near.mean() < most, "the bound excuses too much to be a test"
     assert weak == 100 or {-1, 0, 1} == set(np.unique(expected))
 
 

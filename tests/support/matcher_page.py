@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+import phasestereo as ps
 from phasestereo.result import MAPS
 from support import ROOT
 from support.browser import Browser, serving
@@ -68,6 +69,16 @@ class MatcherPage:
             if result[name] is not None:
                 result[name] = np.frombuffer(base64.b64decode(result[name]), dtype).reshape(size)
         return result
+
+
+def assert_same_maps(found: dict[str, Any], expected: ps.Result) -> None:
+    """Check that a page returned all maps of a match in Python, to the bit."""
+    for name in MAPS:
+        wanted = expected.maps.get(name)
+        if wanted is None:
+            assert found[name] is None
+        else:
+            np.testing.assert_array_equal(found[name], wanted)
 
 
 def _sent(image: Image) -> tuple[int, int, str]:

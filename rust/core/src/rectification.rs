@@ -413,8 +413,8 @@ struct Refined {
     change: f64,
 }
 
-/// Fits cameras to blocks, again and again, until they stay. Of those that corners agree with, the ones go on
-/// by which the blocks are most probable that the first of them find.
+/// Fits cameras to blocks, again and again, until they stay. The first of those that corners agree with find
+/// blocks; the ones by which these are most probable go on.
 fn refined(views: &[Views], starts: [(Cameras, f64); 3], level: Level, control: &Control) -> Result<Refined> {
     let doubtful = DOUBTFUL.0.max(DOUBTFUL.1 * starts[0].0.size().1 as f64);
     let [(cameras, near), others @ ..] = starts;

@@ -133,6 +133,7 @@ pub fn describe_rows<R: RowOfCodes>(
     describe_layers(gray, &layers(gray, settings, noise)?, rows, width, level, control)
 }
 
+/// The rows of codes of these sizes of neighborhoods.
 fn describe_layers<R: RowOfCodes>(
     gray: &Gray,
     layers: &[Layer],

@@ -17,7 +17,7 @@ use std::array::from_fn;
 use super::cameras::{Backward, Cameras, Point};
 use super::corners::{Corner, corners};
 use super::filters::{gradients, reduced, smoothed};
-use super::matches::CornerMatch;
+use super::matches::{CornerMatch, SUMMED, scalar_product};
 use crate::estimation::registration::Peak;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::plane::Plane;
@@ -30,14 +30,15 @@ const CORNERS: usize = 2000;
 const BORDER: usize = 16;
 /// Side of a block.
 const SIDE: usize = 24;
-/// Products that are summed at once, of which a block has a multiple, and places that are computed at once.
+const _: () = assert!((SIDE * SIDE).is_multiple_of(SUMMED), "a product leaves out pixels of a block");
+/// Places that are computed at once.
 const LANES: usize = 16;
 /// How many columns and rows away blocks are searched for in images of half the size and in whole ones. With 4
 /// rows in the first, one of 12 toed-in pairs is not rectified; 12 take half as long again and gain nothing.
 const SEARCH: [[usize; 2]; 2] = [[12, 7], [4, 4]];
 /// Radius of the windows that light is taken out over, and what is added to the variance.
 const EVEN: (usize, f64) = (15, 9.0);
-/// Rows that one task evens out.
+/// Rows that one task evens out; it reads those of the windows above and below, too.
 const BAND: usize = 128;
 /// Gray values in steps of 1 / 8; deviations in steps of 1 / 64 and at most this many.
 const STEPS: [f32; 2] = [8.0, 64.0];
@@ -328,16 +329,8 @@ fn products(level: Level, block: &[i16], area: &[i16], search: [usize; 2]) -> Ve
             strip.extend_from_slice(&row[dx..][..SIDE]);
         }
         for dy in 0..down {
-            let mut sums = [0i32; LANES];
-            // Of arrays instead of slices, or of slices whose number is not known, the compiler makes products of
-            // a few values each.
-            let other = strip[dy * SIDE..][..SIDE * SIDE].chunks_exact(LANES);
-            for (a, b) in block[..SIDE * SIDE].chunks_exact(LANES).zip(other) {
-                for (sum, (a, b)) in sums.iter_mut().zip(a.iter().zip(b)) {
-                    *sum += i32::from(*a) * i32::from(*b);
-                }
-            }
-            products[dy * across + dx] = sums.iter().sum();
+            let other = &strip[dy * SIDE..][..SIDE * SIDE];
+            products[dy * across + dx] = scalar_product(&block[..SIDE * SIDE], other);
         }
     }
     products

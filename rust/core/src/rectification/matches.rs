@@ -11,7 +11,7 @@
 
 use std::collections::BTreeSet;
 
-use super::codes::{CornerCode, Features, UNIT};
+use super::codes::{CornerCode, Features, LENGTH, UNIT};
 use phasestereo_match::base::simd::{Level, leveled};
 
 /// Rows by which a corner may be elsewhere, as a share of the width.
@@ -27,8 +27,9 @@ const SAME: f64 = 3.0;
 const ELSEWHERE: f64 = 10.0;
 /// Several matches within a square of this many pixels are one on several levels.
 const SQUARE: f64 = 6.0;
-/// Products that are summed at once, of which a code has a multiple.
-const LANES: usize = 16;
+/// Products that are summed at once.
+pub const SUMMED: usize = 16;
+const _: () = assert!(LENGTH.is_multiple_of(SUMMED), "a product leaves out values of a code");
 
 /// A place of the left image and that of the same thing in the right one: columns and rows.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -129,19 +130,25 @@ fn distance(one: [f64; 2], other: [f64; 2]) -> f64 {
 #[leveled]
 fn write_products(level: Level, code: &CornerCode, codes: &[CornerCode], out: &mut [(usize, i32)]) {
     for (other, product) in out {
-        let mut sums = [0i32; LANES];
-        for (a, b) in code.chunks_exact(LANES).zip(codes[*other].chunks_exact(LANES)) {
-            for (sum, (a, b)) in sums.iter_mut().zip(a.iter().zip(b)) {
-                *sum += i32::from(*a) * i32::from(*b);
-            }
-        }
-        *product = sums.iter().sum();
+        *product = scalar_product(code, &codes[*other]);
     }
+}
+
+/// The sum of the products of two lists, whose length is a multiple of [`SUMMED`]. Of arrays instead of slices,
+/// or of slices whose length is not known, the compiler makes products of a few values each.
+#[inline(always)]
+pub fn scalar_product(one: &[i16], other: &[i16]) -> i32 {
+    let mut sums = [0i32; SUMMED];
+    for (a, b) in one.chunks_exact(SUMMED).zip(other.chunks_exact(SUMMED)) {
+        for (sum, (a, b)) in sums.iter_mut().zip(a.iter().zip(b)) {
+            *sum += i32::from(*a) * i32::from(*b);
+        }
+    }
+    sums.iter().sum()
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::codes::LENGTH;
     use super::*;
 
     #[test]

@@ -11,8 +11,8 @@
 //! all else                                                    ->  2^22 steps from black to white, black at 0
 //! ```
 //!
-//! Gray values of integers are exact; luminances of integers are in sixteenths. Both images of a pair have one step if
-//! they have one type; whether channels are equal is found out for each of them, since an image of one
+//! Gray values of integers are exact; luminances of integers are in sixteenths. Both images of a pair have one
+//! step if they have one type; whether channels are equal is found out for each of them, since an image of one
 //! channel may be matched with one of three. Only valid pixels count. A part of a pair is converted as the
 //! whole ([`Conversion`]).
 //!

@@ -1,14 +1,15 @@
 //! What gray values stand for: steps of integers, or of the range of floats.
 
 use crate::base::value::nearest;
+use crate::image::intensity::FINER_LOG2;
 use crate::image::intensity_range::{IntensityRange, floor_log2};
 
 /// Binary logarithm of the steps into which the intensity range of a float image is cut: finer than 16 bits.
 const FLOAT_STEPS_LOG2: i32 = 22;
-/// Steps of a luminance per step of the integers that the channels are.
-pub const LUMINANCE_STEPS: i32 = 16;
 /// Gray values of float images are clamped this many steps from black: four ranges.
 const FLOAT_REACH: i32 = 1 << 24;
+/// Steps of a luminance to one of the integers that its channels are: as fine as smoothed images.
+pub const LUMINANCE_STEPS: i32 = 1 << FINER_LOG2;
 
 /// What the gray values of an image stand for.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -25,7 +26,8 @@ pub struct GrayScale {
 }
 
 impl GrayScale {
-    /// The scale of integers that are multiples of a step and use this many bits, of luminances or not; `given` are black and white of words.
+    /// The scale of integers that are multiples of a step and use this many bits, of luminances or not; `given`
+    /// are black and white of words.
     pub fn of_integers(
         (step, bits): (f64, u32),
         in_color: bool,

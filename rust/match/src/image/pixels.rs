@@ -83,8 +83,8 @@ impl Image {
     }
 
     /// Appends the integers that row `y` consists of, in multiples of a step, from 0 to `ends[1] - ends[0]`,
-    /// above `ends[0]`. With `in_color`, they are the luminances of three channels in sixteenths; else the first
-    /// channel counts.
+    /// above `ends[0]`. With `in_color`, they are the luminances of three channels, in sixteenths; else the
+    /// first channel counts.
     pub fn append_integers(
         &self,
         y: usize,
@@ -337,7 +337,7 @@ impl<T: Copy, F: Fn(T) -> i32> Loop for Append<'_, T, F> {
     fn run(self) {
         let Self { values, channels, in_color, least, integer, gray } = self;
         if in_color {
-            // 0.299, 0.587 and 0.114 in 32768ths: the sums of words fit in 31 bits.
+            // 0.299, 0.587 and 0.114 in 2^15ths, so that sums of words fit in 31 bits; sixteenths, rounded, are left.
             gray.extend(values.as_chunks().0.iter().map(|pixel| {
                 let [r, g, b] = pixel.map(&integer);
                 ((9798 * r + 19235 * g + 3735 * b + 1024) >> 11) + least

@@ -26,6 +26,7 @@ use crate::base::memory::Memory;
 use crate::base::plane::{Plane, reflect};
 use crate::base::simd::{Level, leveled};
 use crate::base::value::nearest;
+use crate::image::gray_scale::LUMINANCE_STEPS;
 use crate::image::intensity::{FINER_LOG2, Gray};
 
 /// Pixels from the center of a window to its side. Smaller windows leave more of strong noise, larger ones
@@ -62,9 +63,8 @@ const LARGEST_DEVIATION: f64 = (1u64 << 40) as f64;
 /// fit in 32 bits.
 const NARROW_REACH: u32 = 1 << 17;
 /// Largest magnitudes of gray values of bytes, without and with color.
-const REACH_OF_BYTES: [u32; 2] = [128, 2048];
-/// Largest magnitude of these after smoothing, in sixteenths of a gray level: sums under a code of two sizes
-/// then fit in 32 bits.
+const REACH_OF_BYTES: [u32; 2] = [128, 128 * LUMINANCE_STEPS as u32];
+/// Largest magnitude of these after smoothing, in sixteenths of a gray level: sums of codes then fit in 32 bits.
 const SMOOTHED_BYTES: u32 = 128 << FINER_LOG2;
 
 impl Gray<'_> {
