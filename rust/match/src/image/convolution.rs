@@ -13,7 +13,8 @@ use crate::base::error::{Error, Result};
 use crate::base::plane::{Plane, reflect, zeroed};
 use crate::base::simd::{Level, leveled};
 use crate::image::LARGEST_KERNEL;
-use crate::image::intensity::{FINER_LOG2, Gray, LARGEST_REACH};
+use crate::image::gray_scale::FINER_LOG2;
+use crate::image::intensity::{Gray, LARGEST_REACH};
 
 /// Binary logarithm of the sum of a kernel's weights: the taps of a disk of radius 10 are then right to 2 %,
 /// and gray values below `2^17` still have sums of 32 bits.

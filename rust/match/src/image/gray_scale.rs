@@ -1,13 +1,14 @@
 //! What gray values stand for: steps of integers, or of the range of floats.
 
 use crate::base::value::nearest;
-use crate::image::intensity::FINER_LOG2;
 use crate::image::intensity_range::{IntensityRange, floor_log2};
 
 /// Binary logarithm of the steps into which the intensity range of a float image is cut: finer than 16 bits.
 const FLOAT_STEPS_LOG2: i32 = 22;
 /// Gray values of float images are clamped this many steps from black: four ranges.
 const FLOAT_REACH: i32 = 1 << 24;
+/// Binary logarithm of the most steps of a blurred or smoothed image to one of the image itself.
+pub const FINER_LOG2: u32 = 4;
 /// Steps of a luminance to one of the integers that its channels are: as fine as smoothed images.
 pub const LUMINANCE_STEPS: i32 = 1 << FINER_LOG2;
 

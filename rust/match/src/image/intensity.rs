@@ -12,8 +12,6 @@ use crate::image::view::View;
 
 /// Largest magnitude of a gray value: sums of products with it are exact in double precision.
 pub const LARGEST_REACH: u32 = 1 << 25;
-/// Binary logarithm of the most steps of a blurred or smoothed image to one of the image itself.
-pub const FINER_LOG2: u32 = 4;
 /// Fixed-point steps per gray level of a plane of levels, where black to white is 255 gray levels.
 pub const LEVEL_STEPS: u16 = 16;
 /// Black to white in steps of a plane of levels.

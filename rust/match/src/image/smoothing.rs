@@ -26,8 +26,8 @@ use crate::base::memory::Memory;
 use crate::base::plane::{Plane, reflect};
 use crate::base::simd::{Level, leveled};
 use crate::base::value::nearest;
-use crate::image::gray_scale::LUMINANCE_STEPS;
-use crate::image::intensity::{FINER_LOG2, Gray};
+use crate::image::gray_scale::{FINER_LOG2, LUMINANCE_STEPS};
+use crate::image::intensity::Gray;
 
 /// Pixels from the center of a window to its side. Smaller windows leave more of strong noise, larger ones
 /// harm sharp and blurred pairs.
