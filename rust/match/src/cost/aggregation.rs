@@ -487,8 +487,13 @@ impl<V: Value, const L: usize> Loop for Aggregate<'_, V, L> {
 #[inline(always)]
 fn pad<V: Value, const L: usize>(out: &mut Lines<V, L>, searched: Searched) {
     if searched.count < L {
+        let mut beyond = [V::FAR; L];
+        beyond[..searched.count].fill(V::default());
         for pixel in 0..out.count() {
-            out.line(pixel)[searched.count..].fill(V::FAR);
+            let line = out.line(pixel);
+            for (value, least) in line.iter_mut().zip(beyond) {
+                *value = (*value).max(least);
+            }
         }
     }
 }
