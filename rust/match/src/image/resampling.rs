@@ -130,6 +130,7 @@ mod tests {
     fn weights_are_symmetric_and_of_one_sum() {
         for (step, weights) in weights().iter().enumerate() {
             assert_eq!(weights.iter().sum::<i32>(), 1 << WEIGHT_BITS);
+            assert!(weights.iter().map(|weight| weight.abs()).sum::<i32>() < 2 << WEIGHT_BITS);
             if step > 0 {
                 let mirrored = &super::weights()[STEPS as usize - step];
                 assert!((0..TAPS).all(|tap| (weights[tap] - mirrored[TAPS - 1 - tap]).abs() <= 4));

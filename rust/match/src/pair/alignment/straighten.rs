@@ -26,12 +26,14 @@ pub fn straightened(view: &View, alignment: &Alignment, level: Level, control: &
     // Masked pixels must not spread over the taps.
     let source = view.filled_along_columns(TAPS);
     let (rows, cols) = view.size();
+    let ends = view.scale().ends();
+    // The magnitudes of weights have a sum below 2.
+    let is_small = view.scale().reach() <= 1 << (i32::BITS - 2 - WEIGHT_BITS - 1);
 
     let gray = Plane::by_bands((rows, cols), 1, |y, out: &mut [i32]| {
         control.checkpoint()?;
-        let offsets = &offsets(alignment, y, cols, level)?;
-        let ends = view.scale().ends();
-        resample(level, &source, rows, y, offsets, ends, out);
+        let source = Source { pixels: &source, rows, is_small, ends };
+        resample(level, source, y, &offsets(alignment, y, cols, level)?, out);
         Ok(())
     })?;
 
@@ -48,8 +50,13 @@ fn straightened_mask(
     control: &Control,
 ) -> Result<Plane<bool>> {
     let (rows, cols) = view.size();
+    let reach = alignment.bound().ceil() as usize;
     Plane::by_bands((rows, cols), 1, |y, out| {
         control.checkpoint()?;
+        if view.mask().is_none() && y >= reach && y + reach < rows {
+            out.fill(true);
+            return Ok(());
+        }
         let offsets = offsets(alignment, y, out.len(), level)?;
 
         for (x, valid) in out.iter_mut().enumerate() {
@@ -76,19 +83,23 @@ fn write_offsets(level: Level, along: RowPolynomial, offsets: &mut [i32]) {
     }
 }
 
-/// One row of the resampled image. `source`: all rows of the image. `ends`: least and largest value.
-#[leveled]
-fn resample(
-    level: Level,
-    source: &[i32],
+/// The image that is resampled.
+#[derive(Clone, Copy)]
+struct Source<'a> {
+    /// All of its rows.
+    pixels: &'a [i32],
     rows: usize,
-    y: usize,
-    offsets: &[i32],
+    /// Whether sums of weighted pixels fit 32 bits.
+    is_small: bool,
+    /// Least and largest value.
     ends: [i32; 2],
-    out: &mut [i32],
-) {
+}
+
+/// One row of the resampled image.
+#[leveled]
+fn resample(level: Level, source: Source<'_>, y: usize, offsets: &[i32], out: &mut [i32]) {
     let weights = weights();
-    let (width, last) = (out.len(), rows as isize - 1);
+    let (width, last) = (out.len(), source.rows as isize - 1);
 
     let mut end = 0;
     // Each run is a weighted sum of eight contiguous pieces of rows, which the compiler vectorizes.
@@ -100,25 +111,36 @@ fn resample(
         let mut taps = [&[][..]; TAPS];
         for (tap, pixels) in (0..).zip(&mut taps) {
             let row = (above - CENTER + tap).clamp(0, last) as usize;
-            *pixels = &source[row * width..][start..end];
+            *pixels = &source.pixels[row * width..][start..end];
         }
 
         let weights = &weights[run[0].rem_euclid(STEPS) as usize];
-        write_means(&taps, weights, ends, &mut out[start..end]);
+        write_means(&taps, weights, source, &mut out[start..end]);
     }
 }
 
 /// Writes the weighted means of the pixels of eight rows.
 #[inline(always)]
-fn write_means(rows: &[&[i32]; TAPS], weights: &[i32; TAPS], ends: [i32; 2], out: &mut [i32]) {
+fn write_means(rows: &[&[i32]; TAPS], weights: &[i32; TAPS], source: Source<'_>, out: &mut [i32]) {
     let rows = rows.map(|row| &row[..out.len()]);
-    let [least, largest] = ends.map(i64::from);
-    for (at, out) in out.iter_mut().enumerate() {
-        let mut sum = 1 << (WEIGHT_BITS - 1);
-        for tap in 0..TAPS {
-            sum += i64::from(weights[tap]) * i64::from(rows[tap][at]);
+    let Source { is_small, ends: [least, largest], .. } = source;
+    let half = 1 << (WEIGHT_BITS - 1);
+    if is_small {
+        for (at, out) in out.iter_mut().enumerate() {
+            let mut sum = half;
+            for tap in 0..TAPS {
+                sum += weights[tap] * rows[tap][at];
+            }
+            *out = (sum >> WEIGHT_BITS).clamp(least, largest);
         }
-        *out = (sum >> WEIGHT_BITS).clamp(least, largest) as i32;
+    } else {
+        for (at, out) in out.iter_mut().enumerate() {
+            let mut sum = i64::from(half);
+            for tap in 0..TAPS {
+                sum += i64::from(weights[tap]) * i64::from(rows[tap][at]);
+            }
+            *out = (sum >> WEIGHT_BITS).clamp(least.into(), largest.into()) as i32;
+        }
     }
 }
 
