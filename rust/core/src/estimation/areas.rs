@@ -236,11 +236,9 @@ impl<'a> AreaSearch<'a> {
         let column = |x: isize| x.clamp(0, cols as isize) as usize;
         let seen = column(middle)..column(cols as isize + middle);
         let seen = seen.start.min(seen.end)..seen.end;
-        let is_judged = |y: usize, x: usize| seen.contains(&x) && self.valid.row(y)[x];
-
         let judged = |y: usize| {
-            let row = sums.row(y);
-            (0..cols).filter(move |x| is_judged(y, *x)).map(|x| row[x])
+            let places = sums.row(y)[seen.clone()].iter().zip(&self.valid.row(y)[seen.clone()]);
+            places.filter(|(_, is_valid)| **is_valid).map(|(sum, _)| *sum)
         };
         let usual = median((0..rows).flat_map(judged));
         let bits = 8 * (2 * self.around.0 + 1) * (2 * self.around.1 + 1);
@@ -249,18 +247,25 @@ impl<'a> AreaSearch<'a> {
             most = most.min(usize::midpoint(usual, self.chance()?));
         }
 
-        let much = |sums: &Plane<u8>| {
-            let is_much = |y: usize, x: usize| usize::from(sums.row(y)[x]) > most;
-            let is_asked = |y: usize, x: usize| guess.judged.is_none_or(|all| all.row(y)[x]);
-            Plane::from_fn(rows, cols, |y, x| is_judged(y, x) && is_asked(y, x) && is_much(y, x))
+        let much = |sums: &Plane<u8>| -> Result<Plane<bool>> {
+            let mut much = Plane::new(rows, cols)?;
+            for y in 0..rows {
+                let [valid, asked] = [self.valid, guess.judged.unwrap_or(self.valid)].map(|all| all.row(y));
+                let [valid, asked] = [valid, asked].map(|all| &all[seen.clone()]);
+                let places = sums.row(y)[seen.clone()].iter().zip(valid).zip(asked);
+                for (is_much, ((sum, valid), asked)) in much.row_mut(y)[seen.clone()].iter_mut().zip(places) {
+                    *is_much = valid & asked & (usize::from(*sum) > most);
+                }
+            }
+            Ok(much)
         };
         // Most of these are errors of the rough match.
-        let blocks = Blocks::of(&much(&sums));
+        let blocks = Blocks::of(&much(&sums)?);
         if !blocks.is_searched.contains(&true) {
             return Plane::new(rows, cols);
         }
         let [left, right] = &self.codes;
-        Ok(much(&self.along([left, right], &blocks)?))
+        much(&self.along([left, right], &blocks)?)
     }
 
     /// The median of the least sums along the run of rows that have nothing to do with each other.

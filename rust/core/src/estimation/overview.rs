@@ -198,8 +198,12 @@ impl Overview {
                 2 * count >= factor * factor
             };
 
+            if view.mask().is_none() {
+                valid.resize(valid.len() + visited.len() * cols, true);
+                return Ok(());
+            }
             for y in visited {
-                valid.extend((0..cols).map(|x| view.mask().is_none() || is_valid(y, x)));
+                valid.extend((0..cols).map(|x| is_valid(y, x)));
             }
             Ok(())
         })?;
@@ -216,8 +220,10 @@ impl Overview {
             let part = Part::new(rows.start, Cow::Owned(pair.of_rows(rows.clone())), runtime)?;
             left.extend_from_slice(part.grays[0].as_slice());
             right.extend_from_slice(part.grays[1].as_slice());
-            let view = part.pair.views()[0];
-            valid.extend((0..rows.len()).flat_map(|y| (0..pair.size().1).map(move |x| view.is_valid(y, x))));
+            match part.pair.views()[0].mask() {
+                Some(mask) => valid.extend_from_slice(mask.as_slice()),
+                None => valid.resize(left.len(), true),
+            }
         }
         let (rows, cols) = (bands.iter().map(Range::len).sum(), pair.size().1);
         let planes = [Plane::from_vec(rows, cols, left)?, Plane::from_vec(rows, cols, right)?];

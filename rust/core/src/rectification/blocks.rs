@@ -180,10 +180,11 @@ fn bicubic(image: &Plane<f32>, [x, y]: Point) -> f32 {
 
     let (column, row) = (x as usize, y as usize);
     let (along, down) = (keys((x - column as f64) as f32), keys((y - row as f64) as f32));
-    let (first, top) = (column - 1, row - 1);
+    let cols = image.cols();
+    let pixels = &image.as_slice()[(row - 1) * cols + column - 1..][..3 * cols + 4];
     let mut sum = 0.0;
     for (k, weight) in down.iter().enumerate() {
-        let taps = &image.row(top + k)[first..first + 4];
+        let taps = &pixels[k * cols..][..4];
         sum += weight * (along[0] * taps[0] + along[1] * taps[1] + along[2] * taps[2] + along[3] * taps[3]);
     }
     sum
