@@ -122,6 +122,16 @@ def test_it_fits_is_read_well_and_asks_nobody_else(
     assert [one for one in seen if not browser.run(bottom.format(one))] == []
 
 
+def test_a_low_window_shows_a_large_picture_and_its_scale(
+    browser: Browser, sites: dict[str, Site]
+) -> None:
+    browser.visit(sites["report"].address, width=1280, height=711)
+    browser.wait(sites["report"].done)
+    box = "return document.querySelector('{}').getBoundingClientRect().{}"
+    assert browser.run(box.format(".frame", "height")) > 400
+    assert browser.run(box.format("#scale", "bottom")) <= 711
+
+
 def test_a_faint_text_is_seen_by_the_test(browser: Browser, sites: dict[str, Site]) -> None:
     visit(browser, sites["report"], "desk")
     browser.run("element('keys').style.color = 'var(--page)'")
