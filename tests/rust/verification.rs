@@ -5,7 +5,7 @@ use phasestereo::internals::verification::evidence::against;
 use phasestereo::internals::verification::fuse::fuse;
 use phasestereo::internals::verification::judge::{Chance, bar as bar_of};
 use phasestereo::internals::verification::test::Test;
-use phasestereo::internals::verification::traits::{TRAITS, Traits};
+use phasestereo::internals::verification::traits::{Traits, Values};
 use phasestereo::internals::verification::verdict;
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::math::{exp_single, ln};
@@ -360,10 +360,11 @@ fn traits_are_what_their_definition_says() {
     let column = |y: usize, u: usize| (u as f32 - map.row(y)[u]).round() as i64;
     for level in levels() {
         let traits = Traits::new(&map, &own, &pair, level, &Control::default()).expect("memory");
+        let all_traits = traits
+            .by_rows(&Control::default(), |traits, row: &mut [Values]| traits.write(row))
+            .expect("memory");
         for y in 0..ROWS {
-            let mut row = [[0.0; TRAITS]; COLS];
-            traits.write_row(y, &mut row);
-            for (x, found) in row.iter().enumerate() {
+            for (x, found) in all_traits.row(y).iter().enumerate() {
                 let (claim, matched) = (map.row(y)[x], own.disparity.row(y)[x]);
                 if !claim.is_finite() {
                     assert!(found.iter().all(|value| value.is_nan()));

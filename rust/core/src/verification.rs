@@ -181,9 +181,7 @@ pub fn observe(
         let claims = Claims::new(map, size, raw, control)?;
         let pair = &matched.prepared.pair;
         let traits = Traits::new(&claims.matched, matched.own(), pair, execution.level, control)?;
-        let values = Plane::by_rows(traits.size(), control, |y, row: &mut [Values]| {
-            traits.write_row(y, row);
-        })?;
+        let values = traits.by_rows(control, |traits, row: &mut [Values]| traits.write(row))?;
         Ok(claims.raw(values, [f32::NAN; TRAITS]))
     };
     let traits = maps.iter().map(traits).collect::<Result<_>>()?;

@@ -32,7 +32,7 @@ use phasestereo_match::base::plane::Plane;
 use phasestereo_match::base::simd::{Level, leveled};
 use phasestereo_match::refinement::{calibration, flag};
 
-use crate::verification::traits::{AGREES, AroundRow, LEAST, LOCAL, Stretch, TRAITS, Traits, WIDTH, odds};
+use crate::verification::traits::{AGREES, LEAST, LOCAL, RowTraits, Stretch, TRAITS, Traits, WIDTH, odds};
 
 /// Points of the line of a trait.
 pub const KNOTS: usize = 6;
@@ -96,10 +96,7 @@ pub fn chances(traits: &Traits, level: Level, control: &Control) -> Result<Plane
         (Sum::new(&learned.odds, &weights.places, &traits.pair), Line::of_bars(&learned.bars))
     });
     let ahead = Sum::new(&weights.ahead, &weights.places, &traits.pair);
-    Plane::by_rows(traits.size(), control, |y, row: &mut [Chance]| {
-        let around = traits.around(y);
-        judge_row(level, traits, around, &cases, &ahead, y, row);
-    })
+    traits.by_rows(control, |traits, row| judge_row(level, traits, &cases, &ahead, row))
 }
 
 /// The error bar, pixels, of a disparity with this confidence and these flags where the match and the claim
@@ -180,17 +177,16 @@ impl Sum {
 #[leveled]
 fn judge_row(
     level: Level,
-    traits: &Traits<'_>,
-    around: AroundRow,
+    traits: &RowTraits<'_>,
     cases: &[(Sum, Line<{ calibration::KNOTS - 1 }>); CASES],
     ahead: &Sum,
-    y: usize,
     row: &mut [Chance],
 ) {
-    let (claims, own, flags) = traits.row(y);
+    let (claims, own, flags) = traits.known();
     let stretches = zip(row.chunks_mut(WIDTH), zip(claims.chunks(WIDTH), flags.chunks(WIDTH)));
+    let mut values = [[0.0; WIDTH]; LOCAL];
     for (first, (out, (claims, flags))) in zip((0..).step_by(WIDTH), stretches) {
-        let values = traits.stretch((y, first), &around);
+        traits.write_stretch(first, &mut values);
         let gaps = &values[0];
         let mut of_pixel = [0; WIDTH];
         for (case, (gap, flags)) in zip(&mut of_pixel, zip(gaps, flags)) {
@@ -201,10 +197,15 @@ fn judge_row(
             if !of_pixel[..out.len()].contains(&case) {
                 continue;
             }
-            let found = odds.of(&values).map(|odds| (probability(odds), exp_single(bars.at(odds))));
-            for ((out, found), (of, claim)) in zip(zip(&mut *out, found), zip(of_pixel, claims)) {
-                if of == case && claim.is_finite() {
-                    *out = Chance { confidence: found.0, ahead: 0.0, bar: found.1 };
+            let odds = odds.of(&values);
+            let [mut confidence, mut bar] = [[0.0; WIDTH]; 2];
+            for at in 0..WIDTH {
+                confidence[at] = probability(odds[at]);
+                bar[at] = exp_single(bars.at(odds[at]));
+            }
+            for (at, (out, claim)) in zip(&mut *out, claims).enumerate() {
+                if of_pixel[at] == case && claim.is_finite() {
+                    *out = Chance { confidence: confidence[at], ahead: 0.0, bar: bar[at] };
                 }
             }
         }

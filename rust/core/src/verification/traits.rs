@@ -20,7 +20,7 @@
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::math::ln_single;
-use phasestereo_match::base::plane::{Plane, TASK_ROWS};
+use phasestereo_match::base::plane::{Plane, TASK_ROWS, zeroed};
 use phasestereo_match::base::simd::{Level, leveled, whole};
 use phasestereo_match::image::texture::Roughness;
 use phasestereo_match::image::window_sums::{Beyond, Windows};
@@ -62,18 +62,29 @@ const LEAST_TEXTURE: f32 = 0.05;
 /// Steps of a confidence of 1 that is summed.
 const STEPS: f32 = (1 << 20) as f32;
 
-/// What traits are computed from, and planes of some.
+/// What traits are computed from.
 #[derive(Debug)]
 pub struct Traits<'a> {
     map: &'a Plane<f32>,
     own: &'a Disparity,
-    /// Over small windows: odds of the mean own confidence, share of the claims that agree, texture.
-    near: Plane<[f32; 3]>,
-    /// The former two over large ones.
-    far: Plane<[f32; 2]>,
+    summed: Plane<Summed>,
+    /// The mean difference of neighbors.
+    roughness: f64,
     /// Those of the whole pair.
     pub pair: [f32; PAIR],
     level: Level,
+}
+
+/// The traits of the claims of a row.
+#[derive(Debug)]
+pub struct RowTraits<'a> {
+    of: &'a Traits<'a>,
+    y: usize,
+    /// Sums over small windows: of [`Summed::sure`], [`Summed::counts`] and [`Summed::texture`].
+    near: &'a [[u32; 3]],
+    /// The former two over large ones.
+    far: &'a [[u32; 2]],
+    around: AroundRow,
 }
 
 /// What is summed of a pixel.
@@ -81,15 +92,15 @@ pub struct Traits<'a> {
 struct Summed {
     /// Steps of its own confidence.
     sure: u32,
-    agrees: u32,
-    claims: u32,
+    /// 1 if there is a claim in the upper half, 1 if it agrees in the lower one: sums over windows fit.
+    counts: u32,
     /// Difference from the neighbor to the left.
     texture: u32,
 }
 
 /// What is around the claims of a row, pixels.
 #[derive(Debug)]
-pub struct AroundRow {
+struct AroundRow {
     /// Ranges of the claims within 3 x 3 and 7 x 7 pixels, of the own disparities within 7 x 7, and the least
     /// difference of one of these from the claim.
     ranges: [Vec<f32>; 4],
@@ -99,8 +110,7 @@ pub struct AroundRow {
 }
 
 impl<'a> Traits<'a> {
-    /// The traits of the claims of a map beside an own match with confidences, on the threads of the current
-    /// pool.
+    /// Those of the claims of a map beside an own match with confidences, on the threads of the current pool.
     pub fn new(
         map: &'a Plane<f32>,
         own: &'a Disparity,
@@ -115,34 +125,7 @@ impl<'a> Traits<'a> {
         let noise = in_roughness(left.scale().steps(noise[0].max(noise[1])) as f32, roughness);
         let [sure, agree] = pair_traits(&summed);
 
-        let size = (map.rows(), map.cols());
-        let windows = |radius| Windows { size, radius, beyond: Beyond::Nothing };
-        let near = Plane::by_bands(size, TASK_ROWS, |first, band| {
-            control.checkpoint()?;
-            let values =
-                |y: usize| summed.row(y).iter().map(|one| [one.sure, one.agrees, one.claims, one.texture]);
-            let traits = |y: usize, x: usize, [sure, agrees, claims, texture]: [u32; 4]| {
-                let pixels = windows(NEAR).pixels(y, x) as f32;
-                let texture = in_roughness(texture as f32 / pixels, roughness);
-                [odds(sure as f32 / STEPS / pixels), share([agrees, claims]), texture]
-            };
-            windows(NEAR).write((first, band), values, traits, level)
-        })?;
-        let far = Plane::by_bands(size, TASK_ROWS, |first, band| {
-            control.checkpoint()?;
-            let values = |y: usize| summed.row(y).iter().map(|one| [one.sure, one.agrees, one.claims]);
-            let traits = |y: usize, x: usize, [sure, agrees, claims]: [u32; 3]| {
-                let pixels = windows(FAR).pixels(y, x) as f32;
-                [odds(sure as f32 / STEPS / pixels), share([agrees, claims])]
-            };
-            windows(FAR).write((first, band), values, traits, level)
-        })?;
-        Ok(Self { map, own, near, far, pair: [sure, agree, noise], level })
-    }
-
-    /// The size of the map.
-    pub fn size(&self) -> (usize, usize) {
-        (self.map.rows(), self.map.cols())
+        Ok(Self { map, own, summed, roughness, pair: [sure, agree, noise], level })
     }
 
     /// The share of the claims that agree with the own disparities.
@@ -150,72 +133,35 @@ impl<'a> Traits<'a> {
         self.pair[1]
     }
 
-    /// Writes all traits of the pixels of a row, NaN for pixels without a claim.
-    pub fn write_row(&self, y: usize, row: &mut [Values]) {
-        let around = self.around(y);
-        for (first, pixels) in (0..).step_by(WIDTH).zip(row.chunks_mut(WIDTH)) {
-            let traits = self.stretch((y, first), &around);
-            for (at, values) in pixels.iter_mut().enumerate() {
-                let is_claim = self.map.row(y)[first + at].is_finite();
-                let all = traits.iter().map(|line| line[at]).chain(self.pair);
-                values.iter_mut().zip(all).for_each(|(out, value)| {
-                    *out = if is_claim { value } else { f32::NAN };
-                });
-            }
-        }
-    }
+    /// A plane whose rows are written by `write(traits of the row, row)`.
+    pub fn by_rows<T: Clone + Default + Send>(
+        &self,
+        control: &Control,
+        write: impl Fn(&RowTraits<'_>, &mut [T]) + Sync,
+    ) -> Result<Plane<T>> {
+        let size @ (_, cols) = (self.map.rows(), self.map.cols());
+        // Sums of a few rows are used as long as they are in a cache.
+        Plane::by_bands(size, TASK_ROWS, |first, band| {
+            control.checkpoint()?;
+            let (mut near, mut far) = (zeroed(band.len())?, zeroed(band.len())?);
+            let summed = |y: usize| self.summed.row(y).iter();
+            // Four sums fill a register.
+            let values = |y: usize| summed(y).map(|one| [one.sure, one.counts, one.texture, 0]);
+            let kept = |_, _, [sure, counts, texture, _]: [u32; 4]| [sure, counts, texture];
+            windows(size, NEAR).write((first, &mut near), values, kept, self.level)?;
+            let values = |y: usize| summed(y).map(|one| [one.sure, one.counts]);
+            windows(size, FAR).write((first, &mut far), values, |_, _, sums| sums, self.level)?;
 
-    /// The claims of a row, the own disparities, and their flags.
-    #[inline(always)]
-    pub fn row(&self, y: usize) -> (&[f32], &[f32], &[u16]) {
-        (self.map.row(y), self.own.disparity.row(y), self.own.flags.row(y))
-    }
-
-    /// The local traits of the pixels of a row from column `first` on; undefined for pixels without a claim.
-    #[inline(always)]
-    pub fn stretch(&self, (y, first): (usize, usize), around: &AroundRow) -> Stretch {
-        let mut traits = [[0.0; WIDTH]; LOCAL];
-        let columns = first..(first + WIDTH).min(self.map.cols());
-        let own = &self.own.disparity.row(y)[columns.clone()];
-        let claims = &self.map.row(y)[columns.clone()];
-        for (out, (own, claim)) in traits[0].iter_mut().zip(own.iter().zip(claims)) {
-            let gap = (own - claim).abs();
-            *out = if gap < LARGEST { gap } else { LARGEST };
-        }
-        if let Some(confidence) = &self.own.confidence {
-            let confidences = &confidence.row(y)[columns.clone()];
-            traits[1].iter_mut().zip(confidences).for_each(|(out, sure)| *out = odds(*sure));
-        } else {
-            traits[1].fill(odds(0.0));
-        }
-
-        let near = self.near.row(y)[columns.clone()].iter();
-        let far = self.far.row(y)[columns.clone()].iter();
-        for (at, ([sure, agree, texture], [surely, agreed])) in near.zip(far).enumerate() {
-            for (which, value) in [(2, sure), (3, surely), (8, agree), (9, agreed), (10, texture)] {
-                traits[which][at] = *value;
+            let sums = near.chunks_exact(cols).zip(far.chunks_exact(cols));
+            for ((y, row), (near, far)) in (first..).zip(band.chunks_exact_mut(cols)).zip(sums) {
+                write(&RowTraits { of: self, y, near, far, around: self.around(y) }, row);
             }
-        }
-        for (which, ranges) in (4..).zip(&around.ranges) {
-            traits[which][..columns.len()].copy_from_slice(&ranges[columns.clone()]);
-        }
-        for (at, column) in around.columns[columns.clone()].iter().enumerate() {
-            let is_hidden = column.is_some_and(|column| around.nearest[column] > claims[at] + 1.0);
-            traits[11][at] = f32::from(u8::from(is_hidden));
-            traits[12][at] = f32::from(u8::from(column.is_none()));
-        }
-        let kinds = [FAILED, flag::FILLED, flag::INFERRED | flag::COARSE];
-        for (which, kind) in (13..).zip(kinds) {
-            let flags = &self.own.flags.row(y)[columns.clone()];
-            for (out, flags) in traits[which].iter_mut().zip(flags) {
-                *out = if flags & kind != 0 { 1.0 } else { 0.0 };
-            }
-        }
-        traits
+            Ok(())
+        })
     }
 
     /// What is around the claims of a row.
-    pub fn around(&self, y: usize) -> AroundRow {
+    fn around(&self, y: usize) -> AroundRow {
         let (claims, own) = (self.map, &self.own.disparity);
         let range = |plane, radius| range_around(self.level, plane, y, radius);
         let nowhere = nearest_around(self.level, claims.row(y), own, y);
@@ -232,6 +178,93 @@ impl<'a> Traits<'a> {
         let ranges = [range(claims, 1), range(claims, RANGE), range(own, RANGE), nowhere];
         AroundRow { ranges, columns, nearest }
     }
+}
+
+impl RowTraits<'_> {
+    /// Writes all of them, NaN for pixels without a claim.
+    pub fn write(&self, row: &mut [Values]) {
+        let mut traits = [[0.0; WIDTH]; LOCAL];
+        for (first, pixels) in (0..).step_by(WIDTH).zip(row.chunks_mut(WIDTH)) {
+            self.write_stretch(first, &mut traits);
+            for (at, values) in pixels.iter_mut().enumerate() {
+                let is_claim = self.of.map.row(self.y)[first + at].is_finite();
+                let all = traits.iter().map(|line| line[at]).chain(self.of.pair);
+                values.iter_mut().zip(all).for_each(|(out, value)| {
+                    *out = if is_claim { value } else { f32::NAN };
+                });
+            }
+        }
+    }
+
+    /// The claims, the own disparities, and their flags.
+    #[inline(always)]
+    pub fn known(&self) -> (&[f32], &[f32], &[u16]) {
+        (self.of.map.row(self.y), self.of.own.disparity.row(self.y), self.of.own.flags.row(self.y))
+    }
+
+    /// Writes the local traits from column `first` on; undefined for pixels without a claim.
+    #[inline(always)]
+    pub fn write_stretch(&self, first: usize, traits: &mut Stretch) {
+        let Self { of: Traits { map, own: matched, roughness, .. }, y, around, .. } = self;
+        let columns = first..(first + WIDTH).min(map.cols());
+        let own = &matched.disparity.row(*y)[columns.clone()];
+        let claims = &map.row(*y)[columns.clone()];
+        for (out, (own, claim)) in traits[0].iter_mut().zip(own.iter().zip(claims)) {
+            let gap = (own - claim).abs();
+            *out = if gap < LARGEST { gap } else { LARGEST };
+        }
+        if let Some(confidence) = &matched.confidence {
+            let confidences = &confidence.row(*y)[columns.clone()];
+            traits[1].iter_mut().zip(confidences).for_each(|(out, sure)| *out = odds(*sure));
+        } else {
+            traits[1].fill(odds(0.0));
+        }
+
+        let near = lanes(&self.near[columns.clone()]);
+        let far = lanes(&self.far[columns.clone()]);
+        let size = (map.rows(), map.cols());
+        let pixels: [[u32; WIDTH]; 2] =
+            [NEAR, FAR].map(|radius| windows(size, radius).pixels_along(*y, first));
+        for at in 0..WIDTH {
+            traits[2][at] = odds(near[0][at] as f32 / STEPS / pixels[0][at] as f32);
+            traits[3][at] = odds(far[0][at] as f32 / STEPS / pixels[1][at] as f32);
+            traits[8][at] = share(near[1][at]);
+            traits[9][at] = share(far[1][at]);
+            traits[10][at] = in_roughness(near[2][at] as f32 / pixels[0][at] as f32, *roughness);
+        }
+        for (which, ranges) in (4..).zip(&around.ranges) {
+            traits[which][..columns.len()].copy_from_slice(&ranges[columns.clone()]);
+        }
+        for (at, column) in around.columns[columns.clone()].iter().enumerate() {
+            let is_hidden = column.is_some_and(|column| around.nearest[column] > claims[at] + 1.0);
+            traits[11][at] = f32::from(u8::from(is_hidden));
+            traits[12][at] = f32::from(u8::from(column.is_none()));
+        }
+        let kinds = [FAILED, flag::FILLED, flag::INFERRED | flag::COARSE];
+        for (which, kind) in (13..).zip(kinds) {
+            let flags = &matched.flags.row(*y)[columns.clone()];
+            for (out, flags) in traits[which].iter_mut().zip(flags) {
+                *out = if flags & kind != 0 { 1.0 } else { 0.0 };
+            }
+        }
+    }
+}
+
+/// The windows of a plane of this size.
+fn windows(size: (usize, usize), radius: usize) -> Windows {
+    Windows { size, radius, beyond: Beyond::Nothing }
+}
+
+/// The values of each kind side by side; 0 beyond the last pixel.
+#[inline(always)]
+fn lanes<const N: usize>(pixels: &[[u32; N]]) -> [[u32; WIDTH]; N] {
+    let mut lanes = [[0; WIDTH]; N];
+    for (at, values) in pixels.iter().enumerate().take(WIDTH) {
+        for (lane, value) in lanes.iter_mut().zip(values) {
+            lane[at] = *value;
+        }
+    }
+    lanes
 }
 
 /// The rows of a plane within a distance of one.
@@ -278,7 +311,9 @@ fn nearest_around(level: Level, claims: &[f32], own: &Plane<f32>, y: usize) -> V
             let claims = claims.get(here..).unwrap_or_default();
             let found = found.get_mut(here..).unwrap_or_default();
             for ((found, claim), own) in found.iter_mut().zip(claims).zip(own) {
-                *found = found.min((own - claim).abs());
+                // Unlike `min`, one instruction: a difference that is NaN does not count.
+                let by = (own - claim).abs();
+                *found = if by < *found { by } else { *found };
             }
         }
     }
@@ -290,8 +325,8 @@ fn summed(map: &Plane<f32>, own: &Disparity, gray: &Plane<i32>, control: &Contro
     Plane::by_rows((map.rows(), map.cols()), control, |y, row: &mut [Summed]| {
         let disparities = map.row(y).iter().zip(own.disparity.row(y));
         for (out, (claim, own)) in row.iter_mut().zip(disparities) {
-            out.agrees = u32::from((own - claim).abs() <= AGREES);
-            out.claims = u32::from(claim.is_finite());
+            let agrees = (own - claim).abs() <= AGREES;
+            out.counts = u32::from(claim.is_finite()) << u16::BITS | u32::from(agrees);
         }
         if let Some(confidence) = &own.confidence {
             for (out, confidence) in row.iter_mut().zip(confidence.row(y)) {
@@ -307,8 +342,9 @@ fn summed(map: &Plane<f32>, own: &Disparity, gray: &Plane<i32>, control: &Contro
 
 /// The share of the claims that agree.
 #[inline(always)]
-fn share([near, claims]: [u32; 2]) -> f32 {
-    near as f32 / claims.max(1) as f32
+fn share(counts: u32) -> f32 {
+    let [agree, claims] = [counts & u32::from(u16::MAX), counts >> u16::BITS];
+    agree as f32 / claims.max(1) as f32
 }
 
 /// The logarithm of the odds of a probability.
@@ -322,7 +358,8 @@ pub fn odds(probability: f32) -> f32 {
 fn pair_traits(summed: &Plane<Summed>) -> [f32; 2] {
     let mut sums = [0u64; 3];
     for one in summed.as_slice() {
-        for (sum, value) in sums.iter_mut().zip([one.sure, one.agrees, one.claims]) {
+        let counts = [one.counts & u32::from(u16::MAX), one.counts >> u16::BITS];
+        for (sum, value) in sums.iter_mut().zip([one.sure, counts[0], counts[1]]) {
             *sum += u64::from(value);
         }
     }

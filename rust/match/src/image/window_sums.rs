@@ -78,6 +78,16 @@ impl Windows {
         reach(y, self.size.0) * reach(x, self.size.1)
     }
 
+    /// The same of neighbors of a row, from column `first` on; at least 1.
+    #[inline(always)]
+    pub fn pixels_along<const N: usize>(self, y: usize, first: usize) -> [u32; N] {
+        let mut pixels = [0; N];
+        for (x, pixels) in (first..).zip(&mut pixels) {
+            *pixels = self.pixels(y, x.min(self.size.1 - 1));
+        }
+        pixels
+    }
+
     /// Adds up the columns of every window of a row.
     #[inline(always)]
     fn add_along<T, const N: usize>(self, columns: &[[T; N]], sums: &mut [[T; N]])
