@@ -101,15 +101,15 @@ impl MapWriter<'_> {
 
     /// The flags of pixel `(y, x)` by its validity and that of its match, which may be flagged as outside.
     fn flag_invalid(validity: &Validity, (y, x): (usize, usize), chosen: usize, outside: u16) -> u16 {
-        // `NO_CANDIDATE` before `MATCH_MASKED`: the choice among no valid candidates means nothing.
         if validity.is_masked(y, x) {
             flag::MASKED
-        } else if !validity.has_candidate(y, x) {
-            flag::NO_CANDIDATE
         } else if validity.is_valid(y, x, chosen) {
             outside
-        } else {
+        } else if validity.has_candidate(y, x) {
             outside | flag::MATCH_MASKED
+        } else {
+            // The choice among no valid candidates means nothing.
+            flag::NO_CANDIDATE
         }
     }
 }

@@ -78,7 +78,7 @@ impl Windows {
         reach(y, self.size.0) * reach(x, self.size.1)
     }
 
-    /// The same of neighbors of a row, from column `first` on; at least 1.
+    /// The same of neighbors of a row, from column `first` on; beyond the last column those of the last one.
     #[inline(always)]
     pub fn pixels_along<const N: usize>(self, y: usize, first: usize) -> [u32; N] {
         let mut pixels = [0; N];
