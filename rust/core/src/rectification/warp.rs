@@ -176,29 +176,28 @@ impl<T: Copy + Into<f64>, N: Fn(f64) -> T> RawPixels<'_, T, N> {
         let step = i64::from(STEPS);
         let [along, down] = steps.map(|at| &weights[at.rem_euclid(step) as usize]);
         let [column, row] = steps.map(|at| at.div_euclid(step) as isize - CENTER);
-        let length = self.cols * self.channels;
-        let is_within = |at: isize, length: usize| (0..=length as isize - TAPS as isize).contains(&at);
-        if self.channels == 1 && is_within(column, self.cols) && is_within(row, self.rows) {
-            let pixels = &self.pixels[row as usize * length + column as usize..];
-            let mut sums = [0.0; TAPS];
-            for (tap, weight) in down.iter().enumerate() {
-                if let Some(values) = pixels[tap * length..].first_chunk::<TAPS>() {
-                    add(&mut sums, *weight, values.map(Into::into));
-                }
-            }
-            out[0] = (self.nearest)(mean(&sums, along));
-            return;
-        }
-
         let clamp = |at: isize, length: usize| at.clamp(0, length as isize - 1) as usize;
         let columns: [usize; TAPS] = from_fn(|tap| clamp(column + tap as isize, self.cols));
+        let length = self.cols * self.channels;
+        // Where the values lie side by side; else where none do.
+        let is_inside = self.channels == 1 && columns[TAPS - 1] - columns[0] == TAPS - 1;
+        let first = if is_inside { columns[0] } else { length };
+
+        let scale = f64::from(1u32 << WEIGHT_BITS).powi(2);
         for (channel, out) in out.iter_mut().enumerate() {
             let mut sums = [0.0; TAPS];
             for (tap, weight) in (0..).zip(down) {
                 let row = &self.pixels[clamp(row + tap, self.rows) * length..][..length];
-                add(&mut sums, *weight, columns.map(|at| row[at * self.channels + channel].into()));
+                let values: [f64; TAPS] = match row[first..].first_chunk::<TAPS>() {
+                    Some(values) => values.map(Into::into),
+                    None => columns.map(|at| row[at * self.channels + channel].into()),
+                };
+                for (sum, value) in sums.iter_mut().zip(values) {
+                    *sum += f64::from(*weight) * value;
+                }
             }
-            *out = (self.nearest)(mean(&sums, along));
+            let sum = sums.iter().zip(along).fold(0.0, |all, (sum, weight)| all + sum * f64::from(*weight));
+            *out = (self.nearest)(sum / scale);
         }
     }
 
@@ -223,21 +222,6 @@ impl<T: Copy + Into<f64>, N: Fn(f64) -> T> RawPixels<'_, T, N> {
             *out = (self.nearest)(between(along(row), along(row + 1), down));
         }
     }
-}
-
-/// Adds a row of weighted values to the sums of their columns.
-#[inline(always)]
-fn add(sums: &mut [f64; TAPS], weight: i32, values: [f64; TAPS]) {
-    for (sum, value) in sums.iter_mut().zip(values) {
-        *sum += f64::from(weight) * value;
-    }
-}
-
-/// The mean of weighted sums of columns.
-#[inline(always)]
-fn mean(sums: &[f64; TAPS], weights: &[i32; TAPS]) -> f64 {
-    let scale = f64::from(1u32 << WEIGHT_BITS).powi(2);
-    sums.iter().zip(weights).fold(0.0, |all, (sum, weight)| all + sum * f64::from(*weight)) / scale
 }
 
 /// A map of the rectified pair as one of the raw left image, and by how many rows each pixel is lower in the
