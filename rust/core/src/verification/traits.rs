@@ -343,8 +343,14 @@ fn summed(map: &Plane<f32>, own: &Disparity, gray: &Plane<i32>, control: &Contro
 /// The share of the claims that agree.
 #[inline(always)]
 fn share(counts: u32) -> f32 {
-    let [agree, claims] = [counts & u32::from(u16::MAX), counts >> u16::BITS];
+    let [agree, claims] = unpacked(counts);
     agree as f32 / claims.max(1) as f32
+}
+
+/// The claims that agree, and all of them, of [`Summed::counts`].
+#[inline(always)]
+fn unpacked(counts: u32) -> [u32; 2] {
+    [counts & u32::from(u16::MAX), counts >> u16::BITS]
 }
 
 /// The logarithm of the odds of a probability.
@@ -358,8 +364,8 @@ pub fn odds(probability: f32) -> f32 {
 fn pair_traits(summed: &Plane<Summed>) -> [f32; 2] {
     let mut sums = [0u64; 3];
     for one in summed.as_slice() {
-        let counts = [one.counts & u32::from(u16::MAX), one.counts >> u16::BITS];
-        for (sum, value) in sums.iter_mut().zip([one.sure, counts[0], counts[1]]) {
+        let [agree, claims] = unpacked(one.counts);
+        for (sum, value) in sums.iter_mut().zip([one.sure, agree, claims]) {
             *sum += u64::from(value);
         }
     }

@@ -11,7 +11,8 @@ use crate::settings::{Settings, Taper};
 
 /// Amplitude of the tables times `L`. Sums of pixels of 8 bits in sixteenths of a gray level, as of luminances
 /// and of smoothed images, then fit in 32 bits for every `L` (the square of this, times 2^11), and those of any
-/// pixels are exact in double precision. A tap is within a step of the exact value: 1/140 for `L` = 7, an angle within half a degree.
+/// pixels are exact in double precision. A tap is within a step of the exact value: 1/140 for `L` = 7, an angle
+/// within half a degree.
 const AMPLITUDE_TIMES_SIZE: usize = 1000;
 /// The same for codes that are only compared within an estimate, of images in 128ths of a gray level
 /// ([`ROUGH_REACH`]): a tap is within 1/110 for `L` = 3.

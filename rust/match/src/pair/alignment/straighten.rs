@@ -12,6 +12,8 @@
 //! Rows are resampled one by one. Fields change slowly, so a row is divided into runs of pixels with one
 //! offset, whose eight source rows and weights are the same.
 
+use std::ops::{AddAssign, Mul, Shr};
+
 use super::{Alignment, RowPolynomial};
 use crate::base::control::Control;
 use crate::base::error::Result;
@@ -28,7 +30,7 @@ pub fn straightened(view: &View, alignment: &Alignment, level: Level, control: &
     let (rows, cols) = view.size();
     let ends = view.scale().ends();
     // The magnitudes of weights have a sum below 2.
-    let is_small = view.scale().reach() <= 1 << (i32::BITS - 2 - WEIGHT_BITS - 1);
+    let is_small = u64::from(view.scale().reach()) << (WEIGHT_BITS + 1) <= 1 << 30;
 
     let gray = Plane::by_bands((rows, cols), 1, |y, out: &mut [i32]| {
         control.checkpoint()?;
@@ -115,32 +117,29 @@ fn resample(level: Level, source: Source<'_>, y: usize, offsets: &[i32], out: &m
         }
 
         let weights = &weights[run[0].rem_euclid(STEPS) as usize];
-        write_means(&taps, weights, source, &mut out[start..end]);
+        let out = &mut out[start..end];
+        if source.is_small {
+            write_means::<i32>(&taps, weights, source.ends, out);
+        } else {
+            write_means::<i64>(&taps, weights, source.ends, out);
+        }
     }
 }
 
-/// Writes the weighted means of the pixels of eight rows.
+/// Writes the weighted means of the pixels of eight rows, by sums of this type.
 #[inline(always)]
-fn write_means(rows: &[&[i32]; TAPS], weights: &[i32; TAPS], source: Source<'_>, out: &mut [i32]) {
+fn write_means<T>(rows: &[&[i32]; TAPS], weights: &[i32; TAPS], ends: [i32; 2], out: &mut [i32])
+where
+    T: Copy + Ord + From<i32> + Into<i64> + AddAssign + Mul<Output = T> + Shr<u32, Output = T>,
+{
     let rows = rows.map(|row| &row[..out.len()]);
-    let Source { is_small, ends: [least, largest], .. } = source;
-    let half = 1 << (WEIGHT_BITS - 1);
-    if is_small {
-        for (at, out) in out.iter_mut().enumerate() {
-            let mut sum = half;
-            for tap in 0..TAPS {
-                sum += weights[tap] * rows[tap][at];
-            }
-            *out = (sum >> WEIGHT_BITS).clamp(least, largest);
+    let [least, largest] = ends.map(T::from);
+    for (at, out) in out.iter_mut().enumerate() {
+        let mut sum = T::from(1 << (WEIGHT_BITS - 1));
+        for tap in 0..TAPS {
+            sum += T::from(weights[tap]) * T::from(rows[tap][at]);
         }
-    } else {
-        for (at, out) in out.iter_mut().enumerate() {
-            let mut sum = i64::from(half);
-            for tap in 0..TAPS {
-                sum += i64::from(weights[tap]) * i64::from(rows[tap][at]);
-            }
-            *out = (sum >> WEIGHT_BITS).clamp(least.into(), largest.into()) as i32;
-        }
+        *out = (sum >> WEIGHT_BITS).clamp(least, largest).into() as i32;
     }
 }
 
