@@ -12,7 +12,7 @@ use phasestereo_match::base::simd::Level;
 use phasestereo_match::base::value::{LANES, Value};
 use phasestereo_match::cost::Costs;
 use phasestereo_match::cost::aggregation::{Aggregator, PixelBlock, Window, aggregate};
-use phasestereo_match::image::view::View;
+use phasestereo_match::image::view::{Mask, View};
 use phasestereo_match::optimization::PANEL;
 use phasestereo_match::pair::blur_compensation::BlurCompensation;
 use phasestereo_match::pair::candidates::{Candidates, Searched};
@@ -289,6 +289,23 @@ fn lines_of_candidates_and_what_is_left_of_them() {
         });
 
         let candidates = Candidates::new(0, count, cols).expect("in reach");
+        let settings = Settings { shiftable, window: 5, ..Preset::Fast.settings() };
+        MaskedCosts { views, candidates, settings, block: (5, PANEL) }.check();
+    }
+}
+
+/// Borders, of which some lines of candidates see nothing else: upright, slanted, and of all of a block's rows.
+#[test]
+fn borders_of_every_shape_under_lines_of_candidates() {
+    for (count, shiftable, slope) in [(140, false, 0), (140, true, 1), (70, false, 2), (65, true, 3)] {
+        let (rows, cols) = (13, 180);
+        let views = [3u64, 4].map(|seed| {
+            let view = view(rows, cols, |y, x| hash(seed, y, x) as u8);
+            let is_inside = |y, x| x >= 10 + slope * y && x + 4 < cols && (y < 11 || seed == 3);
+            view.with_mask(Some(Mask::from_fn(rows, cols, is_inside)))
+        });
+
+        let candidates = Candidates::new(-9, count, cols).expect("in reach");
         let settings = Settings { shiftable, window: 5, ..Preset::Fast.settings() };
         MaskedCosts { views, candidates, settings, block: (5, PANEL) }.check();
     }

@@ -6,10 +6,10 @@ use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Error;
 use phasestereo_match::base::plane::Plane;
 use phasestereo_match::cost::Costs;
-use phasestereo_match::cost::validity::Validity;
+use phasestereo_match::cost::validity::{BlockValidity, Extent, Validity};
 use phasestereo_match::image::pixels::Image;
 use phasestereo_match::image::view::View;
-use phasestereo_match::pair::candidates::Candidates;
+use phasestereo_match::pair::candidates::{Candidates, Searched};
 use phasestereo_match::settings::presets::Preset;
 use phasestereo_match::settings::{CostKind, Settings};
 use proptest::prelude::*;
@@ -197,9 +197,36 @@ proptest! {
                 let both = left.is_valid(y, x) && right.is_valid(y, column);
                 prop_assert_eq!(validity.is_valid(y, x, k), both);
             }
-
-            let all = (0..4).all(|k| validity.is_valid(y, x, k));
-            prop_assert_eq!(validity.whole(y)[x], all);
         }
+    }
+
+    #[test]
+    fn extents_of_blocks_are_those_of_their_pairs(
+        left in views(4, 6, 0),
+        right in views(4, 6, 0),
+        (top, high) in (0usize..4, 1usize..=4),
+        (from, wide) in (0usize..6, 1usize..=6),
+        (start, count) in (0usize..5, 1usize..=5),
+    ) {
+        let candidates = Candidates::new(-1, 5, 6).expect("in reach");
+        let validity = Validity::new([&left, &right], candidates).expect("memory");
+        let Some(validity) = validity else { return Ok(()) };
+
+        let (rows, columns) = (top..(top + high).min(4), from..(from + wide).min(6));
+        let searched = Searched { start, count: count.min(5 - start) };
+        let pairs = || rows.clone().flat_map(|y| columns.clone().map(move |x| (y, x))).flat_map(|(y, x)| {
+            (start..start + searched.count).map(move |k| (y, x, k))
+        });
+        let is_valid = |(y, x, k)| validity.is_valid(y, x, k);
+        let no_left = pairs().all(|(y, x, _)| !left.is_valid(y, x));
+        let no_right = pairs().all(|(y, x, k)| !right.is_valid(y, candidates.column(x, k, 6)));
+
+        let all = Searched::all(5);
+        let found = match BlockValidity::new(&validity, &rows, &(0..6), all) {
+            Some(block) => block.extent(&columns, searched),
+            None => Extent::All,
+        };
+        prop_assert_eq!(found == Extent::All, pairs().all(is_valid));
+        prop_assert_eq!(found == Extent::Nothing, no_left || no_right);
     }
 }

@@ -33,10 +33,9 @@ use crate::base::plane::Plane;
 use crate::base::simd::{self, Level};
 use crate::base::value::{LANES, Lanes, Value};
 use crate::cost::phase::PhaseCodes;
-use crate::cost::unrolled::UnrolledPlane;
 use crate::cost::validity::Validity;
 use crate::cost::volume::Volume;
-use crate::image::view::{Mask, View};
+use crate::image::view::View;
 use crate::pair::blur_compensation::BlurCompensation;
 use crate::pair::candidates::{Candidates, Searched};
 use crate::pair::plan::{Bytes, Demand, Plan, Stage};
@@ -112,9 +111,8 @@ pub struct Costs<'a> {
     ceiling: u16,
     steps: u16,
     unrelated: Option<f64>,
-    validity: Option<Validity<'a>>,
-    /// 1 where the left and the unrolled right image are valid, else 0. `None`: neither image has a mask.
-    valid: Option<(Plane<u8>, UnrolledPlane<u8>)>,
+    /// `None`: neither image has a mask.
+    validity: Option<Validity>,
 }
 
 /// Makes of the table of costs the one that the settings name.
@@ -273,14 +271,12 @@ impl<'a> Costs<'a> {
         let input = CostInput { views, candidates, settings, compensation, level, control };
         let compared = ComparedBy::new(input)?;
 
-        let (rows, cols) = views[0].size();
+        let (_, cols) = views[0].size();
         let ceiling = ceiling_of(settings);
         let validity = Validity::new(views, candidates)?;
-        let valid =
-            validity.as_ref().map(|validity| valid(validity, (rows, cols), candidates)).transpose()?;
         let (steps, unrelated) = (steps_of(settings), with_cost!(settings, C => C::unrelated(ceiling)));
 
-        Ok(Self { compared, candidates, cols, ceiling, steps, unrelated, validity, valid })
+        Ok(Self { compared, candidates, cols, ceiling, steps, unrelated, validity })
     }
 
     /// Costs of the caller: rows of `columns x candidates`.
@@ -294,7 +290,6 @@ impl<'a> Costs<'a> {
             steps: 1,
             unrelated: None,
             validity: None,
-            valid: None,
         }
     }
 
@@ -339,11 +334,11 @@ impl<'a> Costs<'a> {
 
     /// Whether either image has a mask.
     pub fn has_masks(&self) -> bool {
-        self.valid.is_some()
+        self.validity.is_some()
     }
 
     /// The valid pairs of pixel and candidate; `None`: all.
-    pub fn validity(&self) -> Option<&Validity<'a>> {
+    pub fn validity(&self) -> Option<&Validity> {
         self.validity.as_ref()
     }
 
@@ -374,42 +369,34 @@ impl<'a> Costs<'a> {
         let (values, stride) = (out.as_flattened_mut(), searched.runs() * LANES);
 
         for first in (0..stride).step_by(LANES) {
-            let block = (y, columns.clone(), searched.part(first, LANES));
-            self.write_lines(block, Lines::<V, LANES> { values, first, stride });
+            let part = (y, columns.clone(), searched.part(first, LANES));
+            let mut lines = Lines::<V, LANES> { values, first, stride };
+            self.write_lines(part.clone(), &mut lines);
+            self.mask(part, &mut lines);
         }
     }
 
-    /// Writes the costs of up to `L` candidates, as [`Self::write`], into a line of each pixel.
+    /// Writes the costs of up to `L` candidates into a line of each pixel, as they are under masks, too.
     #[inline(always)]
-    pub fn write_lines<V: Value, const L: usize>(
-        &self,
-        (y, columns, searched): RowPart,
-        mut out: Lines<V, L>,
-    ) {
-        self.compared.write((y, columns.clone(), searched), &mut out);
+    pub fn write_lines<V: Value, const L: usize>(&self, part: RowPart, out: &mut Lines<V, L>) {
+        self.compared.write(part, out);
+    }
 
-        // Invalid pairs add nothing to sums, which aggregation scales by the number of valid ones.
-        if let (Some(validity), Some((left, right))) = (&self.validity, &self.valid) {
-            let (whole, left) = (validity.whole(y), left.row(y));
-            for (place, x) in columns.enumerate().filter(|(_, x)| !whole[*x]) {
-                mask_out(left[x], right.under(y, x, searched), out.line(place));
-            }
+    /// Sets the costs of invalid pairs to 0: they add nothing to sums, which aggregation scales by the number
+    /// of valid ones.
+    #[inline(always)]
+    pub fn mask<V: Value, const L: usize>(&self, part: RowPart, out: &mut Lines<V, L>) {
+        if let Some(validity) = &self.validity {
+            validity.mask(part, out);
         }
     }
 
     /// Writes 1 where a pixel of some columns of row `y` and its candidate are both valid, else 0. Writes
     /// nothing without masks.
     #[inline(always)]
-    pub fn write_validity<V: Value, const L: usize>(
-        &self,
-        (y, columns, searched): RowPart,
-        out: &mut [[V; L]],
-    ) {
-        let Some((left, right)) = &self.valid else { return };
-
-        let left = &left.row(y)[columns.clone()];
-        for ((x, left), out) in columns.zip(left).zip(out) {
-            mark_valid(*left, right.under(y, x, searched), out);
+    pub fn write_validity<V: Value, const L: usize>(&self, part: RowPart, out: &mut Lines<V, L>) {
+        if let Some(validity) = &self.validity {
+            validity.write(part, out);
         }
     }
 
@@ -418,23 +405,9 @@ impl<'a> Costs<'a> {
     pub fn between(&self, y: usize, x: usize, column: usize) -> Option<u32> {
         debug_assert!(self.candidates.min() == 0 && column < self.cols);
         let place = self.cols - 1 - column;
-        if self.valid.as_ref().is_some_and(|(left, right)| left.row(y)[x] & right.row(y)[place] == 0) {
-            return None;
-        }
-
-        self.compared.between(y, x, place)
+        let is_valid = self.validity.as_ref().is_none_or(|validity| validity.are_valid(y, x, place));
+        if is_valid { self.compared.between(y, x, place) } else { None }
     }
-}
-
-/// The validity of the left and of the unrolled right image.
-fn valid(
-    validity: &Validity,
-    (rows, cols): (usize, usize),
-    candidates: Candidates,
-) -> Result<(Plane<u8>, UnrolledPlane<u8>)> {
-    let everywhere = Mask::from_fn(rows, cols, |_, _| true);
-    let [left, right] = validity.masks().map(|mask| mask.unwrap_or(&everywhere));
-    Ok((left.map(|valid| u8::from(*valid)), UnrolledPlane::new(right, candidates, u8::from)?))
 }
 
 /// Writes all costs of a row.
@@ -454,38 +427,10 @@ impl simd::Loop for WriteRow<'_> {
     }
 }
 
-/// Sets all lanes to 0.
+/// Sets all lanes to a value.
 #[inline(always)]
-pub fn clear<V: Value, const L: usize>(out: &mut Lines<V, L>) {
+pub fn fill<V: Value, const L: usize>(out: &mut Lines<V, L>, value: V) {
     for pixel in 0..out.count() {
-        *out.line(pixel) = [V::default(); L];
-    }
-}
-
-/// 1 for the candidates of a pixel that are valid as it is, else 0: in registers, as what is written may not
-/// overlap it.
-#[inline(always)]
-fn both_valid<const L: usize>(left: u8, right: &[u8; L]) -> [u8; L] {
-    let mut both = *right;
-    for both in &mut both {
-        *both &= left;
-    }
-    both
-}
-
-#[inline(always)]
-fn mark_valid<V: Value, const L: usize>(left: u8, right: &[u8; L], out: &mut [V; L]) {
-    let both = both_valid(left, right);
-    for j in 0..L {
-        out[j] = V::truncated(both[j].into());
-    }
-}
-
-#[inline(always)]
-fn mask_out<V: Value, const L: usize>(left: u8, right: &[u8; L], out: &mut [V; L]) {
-    let both = both_valid(left, right);
-    for j in 0..L {
-        // All bits or none: the compiler makes choices lane by lane.
-        out[j] = V::truncated(out[j].widened() & u64::from(both[j]).wrapping_neg());
+        *out.line(pixel) = [value; L];
     }
 }

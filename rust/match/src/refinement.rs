@@ -38,7 +38,7 @@ pub struct MapWriter<'a> {
     /// Columns of the image.
     pub cols: usize,
     /// Which (pixel, candidate) pairs are valid; `None`: all.
-    pub validity: Option<&'a Validity<'a>>,
+    pub validity: Option<&'a Validity>,
     /// Whether estimates lie between candidates.
     pub subpixel: bool,
     /// Most pixels by which the disparities of two left pixels with one match differ; `None`: no left-right
@@ -99,12 +99,10 @@ impl MapWriter<'_> {
         }
     }
 
-    /// The flags of pixel `(y, x)` by its validity and that of its match, which may be flagged as outside.
-    fn flag_invalid(validity: &Validity, (y, x): (usize, usize), chosen: usize, outside: u16) -> u16 {
+    /// The flags of pixel `(y, x)`, which is invalid or has an invalid match; this may be flagged as outside.
+    fn flag_invalid(validity: &Validity, (y, x): (usize, usize), outside: u16) -> u16 {
         if validity.is_masked(y, x) {
             flag::MASKED
-        } else if validity.is_valid(y, x, chosen) {
-            outside
         } else if validity.has_candidate(y, x) {
             outside | flag::MATCH_MASKED
         } else {
@@ -128,10 +126,10 @@ fn write_map_row(
 
     writer.flag_outside(found.chosen, flags);
     if let Some(validity) = writer.validity {
-        let whole = validity.whole(y);
-        let pixels = found.chosen.iter().zip(&mut *flags).enumerate();
-        for (x, (&chosen, flags)) in pixels.filter(|(x, _)| !whole[*x]) {
-            *flags = MapWriter::flag_invalid(validity, (y, x), chosen.into(), *flags);
+        for (x, (&chosen, flags)) in found.chosen.iter().zip(&mut *flags).enumerate() {
+            if !validity.is_valid(y, x, chosen.into()) {
+                *flags = MapWriter::flag_invalid(validity, (y, x), *flags);
+            }
         }
     }
 

@@ -25,9 +25,9 @@
 //! aggregated[y][x][k] = sum[k] area / count[k], rounded, halves up
 //! ```
 //!
-//! Most masks leave most pixels and all of their candidates valid. Only near the columns of a block where
-//! they do not, counts are taken; elsewhere they would be the area of the window, and the mean times the area
-//! the sum itself.
+//! Most masks are borders. Of most columns of a block, each line of candidates is valid throughout, or not at
+//! all; only the windows between need counts. Elsewhere they would be the area, and the mean times the area
+//! the sum itself, or 0, and the sum the largest there is.
 
 use std::ops::Range;
 
@@ -40,7 +40,8 @@ use crate::base::plane::Plane;
 use crate::base::simd::{Level, Loop};
 use crate::base::value::{LANES, Lanes, Value, nearest};
 use crate::choices::{LARGEST_BYTE_SUM, LEAST_BYTE_SUM};
-use crate::cost::{Costs, Lines, line, steps_of};
+use crate::cost::validity::{BlockValidity, Extent};
+use crate::cost::{Costs, Lines, RowPart, fill, line, steps_of};
 use crate::pair::candidates::{Candidates, Searched};
 use crate::pair::plan::{Plan, Stage};
 use crate::settings::{Precision, Settings};
@@ -266,12 +267,23 @@ pub struct Aggregator<V> {
 struct WindowedCosts<V> {
     /// Sums of the costs.
     costs: BoxSums<V>,
-    /// Numbers of valid pixels, by stretches of columns in whose windows there are invalid ones ...
+    /// What is valid around the block, unless all is ...
+    around: Option<BlockValidity>,
+    /// ... and the columns there in which not all candidates of the line are.
+    masked: Vec<Range<usize>>,
+    /// Stretches of columns whose windows are alike, from left to right ...
+    stretches: Vec<Stretch>,
+    /// ... and the numbers of valid pixels of those with some invalid ones.
     validity: Vec<BoxSums<V>>,
-    /// ... and these stretches.
-    stretches: Vec<Range<usize>>,
     /// Numbers of valid pixels in the windows of a row.
     counts: Memory<V>,
+}
+
+/// Columns whose windows have valid pixels alike.
+#[derive(Debug)]
+struct Stretch {
+    extent: Extent,
+    columns: Range<usize>,
 }
 
 impl<V: Value> Aggregator<V> {
@@ -285,7 +297,11 @@ impl<V: Value> Aggregator<V> {
         level: Level,
         out: &mut [Lanes<V>],
     ) -> Result<()> {
-        self.windows.find_stretches(costs, window, &block);
+        let halo = window.halo();
+        let rows = widened(&block.rows, halo, window.rows);
+        let columns = widened(&block.columns, halo, window.cols);
+        let around = |validity| BlockValidity::new(validity, &rows, &columns, searched);
+        self.windows.around = costs.validity().and_then(around);
 
         let (values, stride) = (out.as_flattened_mut(), searched.runs() * LANES);
         let mut first = 0;
@@ -320,43 +336,52 @@ impl<V: Value> WindowedCosts<V> {
     fn begin(&mut self, window: Window, columns: &Range<usize>, line: (Searched, usize)) -> Result<()> {
         self.costs.begin(window, columns, line)?;
 
+        self.find_stretches(window, columns, line.0);
+
         // Windows are counted where they are, and the shifted ones take the sums.
         let counted = Window { dropped: 0, shiftable: false, ..window };
-        self.validity.resize_with(self.stretches.len().max(self.validity.len()), BoxSums::default);
-        for (counts, columns) in self.validity.iter_mut().zip(&self.stretches) {
-            counts.begin(counted, columns, line)?;
+        let mut longest = 0;
+        for (index, Stretch { columns, .. }) in mixed(&self.stretches).enumerate() {
+            if self.validity.len() == index {
+                self.validity.push(BoxSums::default());
+            }
+            self.validity[index].begin(counted, columns, line)?;
+            longest = longest.max(columns.len());
         }
-
-        let longest = self.stretches.iter().map(ExactSizeIterator::len).max().unwrap_or_default();
         self.counts.resize(longest * line.1)
     }
 
-    /// Finds the columns around a block whose windows have an invalid pixel, or one of an invalid candidate,
-    /// in some row.
-    fn find_stretches(&mut self, costs: &Costs, window: Window, block: &PixelBlock) {
-        self.stretches.clear();
-        let Some(validity) = costs.validity() else { return };
-
-        let widened = |range: &Range<usize>, by: usize, end: usize| {
-            range.start.saturating_sub(by)..(range.end + by).min(end)
+    /// Parts the columns that windows of a block may be centered on by what is valid in these windows.
+    fn find_stretches(&mut self, window: Window, columns: &Range<usize>, searched: Searched) {
+        let Self { around, masked, stretches, .. } = self;
+        let extent = |columns: &Range<usize>| {
+            around.as_ref().map_or(Extent::All, |around| around.extent(columns, searched))
         };
-        let radius = window.radius();
-        let around = widened(&block.columns, window.largest_shift(), window.cols);
-        let seen = widened(&around, radius, window.cols);
 
-        let mut is_whole = vec![true; seen.len()];
-        for y in widened(&block.rows, window.halo(), window.rows) {
-            let row = &validity.whole(y)[seen.clone()];
-            is_whole.iter_mut().zip(row).for_each(|(all, whole)| *all &= whole);
+        masked.clear();
+        for x in widened(columns, window.halo(), window.cols) {
+            match masked.last_mut() {
+                _ if extent(&(x..x + 1)) == Extent::All => {}
+                Some(last) if last.end == x => last.end = x + 1,
+                _ => masked.push(x..x + 1),
+            }
         }
 
-        for (x, _) in seen.zip(is_whole).filter(|(_, is_whole)| !is_whole) {
-            let near = widened(&(x..x + 1), radius, around.end);
-            let near = near.start.max(around.start)..near.end;
-            match self.stretches.last_mut() {
-                // Two stretches with little between them are one.
-                Some(last) if near.start <= last.end + window.side => last.end = near.end,
-                _ => self.stretches.push(near),
+        stretches.clear();
+
+        for x in widened(columns, window.largest_shift(), window.cols) {
+            let extent = extent(&widened(&(x..x + 1), window.radius(), window.cols));
+            match &mut stretches[..] {
+                [.., last] if last.extent == extent => last.columns.end = x + 1,
+                // Two stretches to be counted with little between them are one.
+                [.., before, between]
+                    if (before.extent, extent) == (Extent::Part, Extent::Part)
+                        && between.columns.len() <= window.side =>
+                {
+                    before.columns.end = x + 1;
+                    stretches.pop();
+                }
+                _ => stretches.push(Stretch { extent, columns: x..x + 1 }),
             }
         }
     }
@@ -364,8 +389,8 @@ impl<V: Value> WindowedCosts<V> {
     /// Moves the windows to a row.
     #[inline(always)]
     fn center_on<const L: usize>(&mut self, costs: &Costs, y: usize) {
-        self.costs.center_on::<L>(y, Summed::Costs, costs);
-        for counts in &mut self.validity[..self.stretches.len()] {
+        self.costs.center_on::<L>(y, Summed::Costs { masked: &self.masked }, costs);
+        for (counts, _) in self.validity.iter_mut().zip(mixed(&self.stretches)) {
             counts.center_on::<L>(y, Summed::Validity, costs);
         }
     }
@@ -374,23 +399,43 @@ impl<V: Value> WindowedCosts<V> {
     /// are others.
     #[inline(always)]
     fn write_row<const L: usize>(&mut self, columns: Range<usize>, out: &mut Lines<V, L>) {
-        let Self { costs, validity, stretches, counts } = self;
-        costs.write_row(columns.clone(), out);
+        let Self { costs, validity, stretches, counts, .. } = self;
+        let mut validity = validity.iter();
 
-        for (stretch, validity) in stretches.iter().zip(validity) {
-            let here = stretch.start.max(columns.start)..stretch.end.min(columns.end);
+        for Stretch { extent, columns: all } in stretches {
+            let counted = if *extent == Extent::Part { validity.next() } else { None };
+            let here = all.start.max(columns.start)..all.end.min(columns.end);
             if here.is_empty() {
                 continue;
             }
 
-            let (values, length) = (&mut counts[..here.len() * L], here.len());
+            let length = here.len();
             let mut sums = out.part(here.start - columns.start, length);
-            validity.write_counts(here, &mut Lines::<V, L> { values, first: 0, stride: L });
-            for pixel in 0..length {
-                costs.window.scale(&counts.as_chunks().0[pixel], sums.line(pixel));
+            if *extent == Extent::Nothing {
+                fill(&mut sums, V::truncated(costs.window.largest_sum()));
+                continue;
+            }
+
+            costs.write_row(here.clone(), &mut sums);
+            if let Some(counted) = counted {
+                let values = &mut counts[..length * L];
+                counted.write_counts(here, &mut Lines::<V, L> { values, first: 0, stride: L });
+                for pixel in 0..length {
+                    costs.window.scale(&counts.as_chunks().0[pixel], sums.line(pixel));
+                }
             }
         }
     }
+}
+
+/// The stretches whose windows are counted.
+fn mixed(stretches: &[Stretch]) -> impl Iterator<Item = &Stretch> {
+    stretches.iter().filter(|stretch| stretch.extent == Extent::Part)
+}
+
+/// A range of rows or columns with `by` more on either side, as far as there are any below `end`.
+fn widened(range: &Range<usize>, by: usize, end: usize) -> Range<usize> {
+    range.start.saturating_sub(by)..(range.end + by).min(end)
 }
 
 /// The loop of [`Aggregator::aggregate`], for a line of candidates.
@@ -498,25 +543,33 @@ fn pad<V: Value, const L: usize>(out: &mut Lines<V, L>, searched: Searched) {
     }
 }
 
-/// The summands of windows: costs, or 1 where they are valid.
+/// The summands of windows: costs, which are 0 where they are invalid, in columns that are `masked`; or 1 where
+/// they are valid.
 #[derive(Debug, Clone, Copy)]
-enum Summed {
-    Costs,
+enum Summed<'a> {
+    Costs { masked: &'a [Range<usize>] },
     Validity,
 }
 
-impl Summed {
+impl Summed<'_> {
     /// Writes the summands of some columns of a row.
     #[inline(always)]
     fn write<V: Value, const L: usize>(
         self,
         costs: &Costs,
-        block: (usize, Range<usize>, Searched),
+        (y, columns, searched): RowPart,
         values: &mut [V],
     ) {
+        let mut lines = Lines::<V, L> { values, first: 0, stride: L };
         match self {
-            Self::Costs => costs.write_lines::<V, L>(block, Lines { values, first: 0, stride: L }),
-            Self::Validity => costs.write_validity::<V, L>(block, values.as_chunks_mut().0),
+            Self::Costs { masked } => {
+                costs.write_lines((y, columns.clone(), searched), &mut lines);
+                for range in masked {
+                    let mut part = lines.part(range.start - columns.start, range.len());
+                    costs.mask((y, range.clone(), searched), &mut part);
+                }
+            }
+            Self::Validity => costs.write_validity((y, columns, searched), &mut lines),
         }
     }
 }

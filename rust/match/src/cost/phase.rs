@@ -12,7 +12,7 @@ use crate::base::platform::both;
 use crate::base::simd::Level;
 use crate::base::value::{LANES, Lanes, Value};
 use crate::cost::unrolled::{Unrolled, UnrolledPlane, leading};
-use crate::cost::{Cost, CostInput, Lines, PixelBytes, RowPart, clear, line};
+use crate::cost::{Cost, CostInput, Lines, PixelBytes, RowPart, fill, line};
 use crate::descriptor::spectrum::Word;
 use crate::descriptor::{RowOfCodes, describe_rows};
 use crate::image::convolution::Kernel;
@@ -142,7 +142,7 @@ impl Cost for Phase {
             2 => self.write_distances::<V, 2, L>((0, false), part, out),
             // Longer codes: one byte after another.
             bytes => {
-                clear(out);
+                fill(out, V::default());
                 for byte in 0..bytes {
                     self.write_distances::<V, 1, L>((byte, true), part.clone(), out);
                 }

@@ -46,6 +46,7 @@ impl Unrolled {
 }
 
 /// A right image unrolled.
+#[derive(Debug)]
 pub struct UnrolledPlane<T> {
     plane: Plane<T>,
     /// Columns of the image.

@@ -1,87 +1,209 @@
 //! Which pairs of a pixel and a candidate count: those whose pixels are valid in both images.
 
+use std::ops::Range;
+
 use crate::base::error::Result;
 use crate::base::plane::Plane;
+use crate::base::value::Value;
+use crate::cost::unrolled::UnrolledPlane;
+use crate::cost::{Lines, RowPart};
 use crate::image::view::{Mask, View};
-use crate::pair::candidates::Candidates;
+use crate::pair::candidates::{Candidates, Searched};
 
-/// The valid pairs of two images of which at least one image is masked.
+/// The valid pairs of two images of which at least one is masked: 1 where a pixel is valid, else 0.
 #[derive(Debug)]
-pub struct Validity<'a> {
-    masks: [Option<&'a Mask>; 2],
-    width: usize,
-    candidates: Candidates,
-    /// Whether the left pixel and all of its candidates are valid: nearly everywhere, under usual masks.
-    whole: Plane<bool>,
+pub struct Validity {
+    left: Plane<u8>,
+    right: UnrolledPlane<u8>,
+    candidates: usize,
 }
 
-impl<'a> Validity<'a> {
+impl Validity {
     /// The valid pairs of two images; `None` if neither has a mask.
-    pub fn new([left, right]: [&'a View; 2], candidates: Candidates) -> Result<Option<Self>> {
+    pub fn new([left, right]: [&View; 2], candidates: Candidates) -> Result<Option<Self>> {
         let masks = [left.mask(), right.mask()];
         if masks.iter().all(Option::is_none) {
             return Ok(None);
         }
 
-        let (rows, width) = left.size();
-        let whole = Plane::by_bands((rows, width), 1, |y, row| {
-            let [left, right] = masks.map(|mask| mask.map(|mask| mask.row(y)));
-            write_whole([left, right], candidates, row);
-            Ok(())
-        })?;
-        Ok(Some(Self { masks, width, candidates, whole }))
+        let (rows, cols) = left.size();
+        let everywhere = Mask::from_fn(rows, cols, |_, _| true);
+        let [left, right] = masks.map(|mask| mask.unwrap_or(&everywhere));
+        Ok(Some(Self {
+            left: left.map(|valid| u8::from(*valid)),
+            right: UnrolledPlane::new(right, candidates, u8::from)?,
+            candidates: candidates.count(),
+        }))
     }
 
     /// Whether the left pixel is masked.
     pub fn is_masked(&self, y: usize, x: usize) -> bool {
-        self.masks[0].is_some_and(|mask| !mask.row(y)[x])
+        self.left.row(y)[x] == 0
     }
 
     /// Whether the left pixel and its candidate `k` are both valid.
+    #[inline(always)]
     pub fn is_valid(&self, y: usize, x: usize, k: usize) -> bool {
-        let column = self.candidates.column(x, k, self.width);
-        !self.is_masked(y, x) && self.masks[1].is_none_or(|mask| mask.row(y)[column])
+        self.are_valid(y, x, self.left.cols() - 1 - x + k)
+    }
+
+    /// Whether a left pixel and the one at a place of the unrolled right image are both valid.
+    #[inline(always)]
+    pub fn are_valid(&self, y: usize, x: usize, place: usize) -> bool {
+        self.left.row(y)[x] & self.right.row(y)[place] != 0
     }
 
     /// Whether any candidate of a left pixel is valid.
     pub fn has_candidate(&self, y: usize, x: usize) -> bool {
-        // Columns fall as disparities rise.
-        let column = |k: usize| self.candidates.column(x, k, self.width);
-        let columns = column(self.candidates.count() - 1)..=column(0);
-        self.masks[1].is_none_or(|mask| mask.row(y)[columns].contains(&true))
+        self.right.row(y)[self.left.cols() - 1 - x..][..self.candidates].contains(&1)
     }
 
-    /// Whether each pixel of row `y` and all of its candidates are valid.
-    pub fn whole(&self, y: usize) -> &[bool] {
-        self.whole.row(y)
+    /// Sets the values of invalid pairs in the lines of some columns to 0.
+    #[inline(always)]
+    pub fn mask<V: Value, const L: usize>(&self, (y, columns, searched): RowPart, out: &mut Lines<V, L>) {
+        let left = &self.left.row(y)[columns.clone()];
+        for (pixel, (x, left)) in columns.zip(left).enumerate() {
+            mask_out(*left, self.right.under(y, x, searched), out.line(pixel));
+        }
     }
 
-    /// The masks of the left and of the right image; `None`: valid everywhere.
-    pub fn masks(&self) -> [Option<&'a Mask>; 2] {
-        self.masks
+    /// Writes 1 for each valid pair into the lines of some columns, else 0.
+    #[inline(always)]
+    pub fn write<V: Value, const L: usize>(&self, (y, columns, searched): RowPart, out: &mut Lines<V, L>) {
+        let left = &self.left.row(y)[columns.clone()];
+        for (pixel, (x, left)) in columns.zip(left).enumerate() {
+            mark_valid(*left, self.right.under(y, x, searched), out.line(pixel));
+        }
     }
 }
 
-/// Writes where the pixels of a row and all of their candidates are valid.
-fn write_whole([left, right]: [Option<&[bool]>; 2], candidates: Candidates, out: &mut [bool]) {
-    match left {
-        Some(left) => out.copy_from_slice(left),
-        None => out.fill(true),
+/// 1 for the candidates of a pixel that are valid as it is, else 0: in registers, as what is written may not
+/// overlap it.
+#[inline(always)]
+fn both_valid<const L: usize>(left: u8, right: &[u8; L]) -> [u8; L] {
+    let mut both = *right;
+    for both in &mut both {
+        *both &= left;
+    }
+    both
+}
+
+#[inline(always)]
+fn mark_valid<V: Value, const L: usize>(left: u8, right: &[u8; L], out: &mut [V; L]) {
+    let both = both_valid(left, right);
+    for j in 0..L {
+        out[j] = V::truncated(both[j].into());
+    }
+}
+
+#[inline(always)]
+fn mask_out<V: Value, const L: usize>(left: u8, right: &[u8; L], out: &mut [V; L]) {
+    let both = both_valid(left, right);
+    for j in 0..L {
+        // All bits or none: the compiler makes choices lane by lane.
+        out[j] = V::truncated(out[j].widened() & u64::from(both[j]).wrapping_neg());
+    }
+}
+
+/// How much of some pairs is valid.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Extent {
+    /// All of it.
+    All,
+    /// Some of it; or none, though there are valid pixels in both images.
+    Part,
+    /// Nothing: all pixels of an image are masked.
+    Nothing,
+}
+
+/// What is valid in the rows of a block.
+#[derive(Debug)]
+pub struct BlockValidity {
+    left: Census,
+    right: Census,
+    /// The place of the unrolled right image that column 0 meets under candidate 0.
+    origin: usize,
+}
+
+impl BlockValidity {
+    /// Looks at some rows and columns, and at what these meet under the searched candidates. `None`: all of it
+    /// is valid.
+    pub fn new(
+        validity: &Validity,
+        rows: &Range<usize>,
+        columns: &Range<usize>,
+        searched: Searched,
+    ) -> Option<Self> {
+        let Validity { left, right, .. } = validity;
+        let origin = left.cols() - 1;
+        let left = Census::new(left, rows, columns);
+        let right = Census::new(right.plane(), rows, &places(origin, columns, searched));
+
+        let block = Self { left, right, origin };
+        (block.extent(columns, searched) != Extent::All).then_some(block)
     }
 
-    let Some(right) = right.filter(|right| right.contains(&false)) else { return };
-    // The first masked column at or beyond each one, from right to left.
-    let mut next = usize::MAX;
-    let mut masked_from = vec![usize::MAX; right.len()];
-    for (x, valid) in right.iter().enumerate().rev() {
-        next = if *valid { next } else { x };
-        masked_from[x] = next;
+    /// How much of some columns is valid under some candidates, in all rows.
+    pub fn extent(&self, columns: &Range<usize>, searched: Searched) -> Extent {
+        let left = self.left.extent(columns);
+        let right = self.right.extent(&places(self.origin, columns, searched));
+        if left == right || right == Extent::Nothing {
+            right
+        } else if left == Extent::Nothing {
+            left
+        } else {
+            Extent::Part
+        }
+    }
+}
+
+/// The places of an unrolled row that some columns meet under some candidates.
+fn places(origin: usize, columns: &Range<usize>, searched: Searched) -> Range<usize> {
+    let first = origin + searched.start;
+    first + 1 - columns.end..first + searched.count - columns.start
+}
+
+/// Of some neighboring columns, how many have a masked pixel, and how many a valid one.
+#[derive(Debug)]
+struct Census {
+    first: usize,
+    /// Before each column, and before the one after the last.
+    masked: Vec<u32>,
+    valid: Vec<u32>,
+}
+
+impl Census {
+    fn new(plane: &Plane<u8>, rows: &Range<usize>, columns: &Range<usize>) -> Self {
+        let [mut all, mut any] = [vec![1; columns.len()], vec![0; columns.len()]];
+        for y in rows.clone() {
+            let row = &plane.row(y)[columns.clone()];
+            for ((all, any), valid) in all.iter_mut().zip(&mut any).zip(row) {
+                *all &= valid;
+                *any |= valid;
+            }
+        }
+
+        let masked = sums_before(all.iter().map(|all| 1 - all));
+        Self { first: columns.start, masked, valid: sums_before(any.into_iter()) }
     }
 
-    for (x, whole) in out.iter_mut().enumerate() {
-        // Columns fall as disparities rise.
-        let last = candidates.column(x, 0, right.len());
-        let first = candidates.column(x, candidates.count() - 1, right.len());
-        *whole &= masked_from[first] > last;
+    fn extent(&self, columns: &Range<usize>) -> Extent {
+        let [start, end] = [columns.start, columns.end].map(|column| column - self.first);
+        if self.masked[start] == self.masked[end] {
+            Extent::All
+        } else if self.valid[start] == self.valid[end] {
+            Extent::Nothing
+        } else {
+            Extent::Part
+        }
     }
+}
+
+/// The sum of all numbers before each one, and that of all.
+fn sums_before(numbers: impl Iterator<Item = u8>) -> Vec<u32> {
+    let sums = numbers.scan(0, |sum, number| {
+        *sum += u32::from(number);
+        Some(*sum)
+    });
+    std::iter::once(0).chain(sums).collect()
 }

@@ -159,17 +159,18 @@ impl Candidate {
         };
 
         let ((rows, cols), [top, bottom, left, right]) = (input.size(), &mut self.more);
-        for (y, at) in (first..first + rows).enumerate() {
-            for x in 0..cols {
-                if (runs[0][x] + top[x]) as usize == at && is_rim(y, x) {
-                    top[x] += 1;
-                }
-                // What continues to the run from the bottom; a rim is at most RIM pixels wide.
-                let end = size.0 - runs[1][x] as usize;
-                if (end.saturating_sub(RIM)..end).contains(&at) {
-                    bottom[x] = if is_rim(y, x) { bottom[x] + 1 } else { 0 };
-                }
+        for x in 0..cols {
+            let from = (runs[0][x] + top[x]) as usize;
+            if from >= first {
+                top[x] += (from - first..rows).take_while(|y| is_rim(*y, x)).count() as u32;
             }
+            // What continues to the run from the bottom; a rim is at most RIM pixels wide.
+            let end = size.0 - runs[1][x] as usize;
+            for at in end.saturating_sub(RIM).max(first)..end.min(first + rows) {
+                bottom[x] = if is_rim(at - first, x) { bottom[x] + 1 } else { 0 };
+            }
+        }
+        for (y, at) in (first..first + rows).enumerate() {
             let along = |run: usize| (run..cols).take(RIM);
             let from_left = along(runs[2][at] as usize);
             left[at] = from_left.take_while(|x| is_rim(y, *x)).count() as u32;
@@ -199,18 +200,12 @@ impl Candidate {
         }
         let is_outline = sums[0] <= RAGGED_BORDER * sums[1];
         let border = Border { size, value, runs };
-        (is_outline && border.share() < 1.0).then_some(border)
+        let has_others = || (0..size.0).any(|y| border.row(y).any(|is_in| !is_in));
+        (is_outline && has_others()).then_some(border)
     }
 }
 
 impl Border {
-    /// The share of the image.
-    pub fn share(&self) -> f64 {
-        let (rows, cols) = self.size;
-        let count: usize = (0..rows).map(|y| self.row(y).filter(|is_in| *is_in).count()).sum();
-        count as f64 / (rows * cols) as f64
-    }
-
     /// Whether the pixels of a row of the image belong to it.
     pub fn row(&self, y: usize) -> impl Iterator<Item = bool> + '_ {
         let [top, bottom, left, right] = &self.runs;
