@@ -368,7 +368,6 @@ impl<V: Value> WindowedCosts<V> {
         }
 
         stretches.clear();
-
         for x in widened(columns, window.largest_shift(), window.cols) {
             let extent = extent(&widened(&(x..x + 1), window.radius(), window.cols));
             match &mut stretches[..] {
@@ -543,8 +542,8 @@ fn pad<V: Value, const L: usize>(out: &mut Lines<V, L>, searched: Searched) {
     }
 }
 
-/// The summands of windows: costs, which are 0 where they are invalid, in columns that are `masked`; or 1 where
-/// they are valid.
+/// The summands of windows: costs, 0 where they are invalid in the columns that are `masked`; or 1 where they
+/// are valid.
 #[derive(Debug, Clone, Copy)]
 enum Summed<'a> {
     Costs { masked: &'a [Range<usize>] },

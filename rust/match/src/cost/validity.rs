@@ -126,8 +126,8 @@ pub struct BlockValidity {
 }
 
 impl BlockValidity {
-    /// Looks at some rows and columns, and at what these meet under the searched candidates. `None`: all of it
-    /// is valid.
+    /// Looks at some rows and columns, and at what these meet under the searched candidates. `None`: all is
+    /// valid.
     pub fn new(
         validity: &Validity,
         rows: &Range<usize>,
