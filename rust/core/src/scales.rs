@@ -84,7 +84,7 @@ fn decided(pair: &Pair, suited: &Settings, settings: &Settings, runtime: Runtime
         // Copies take about as long as the match, and planes less.
         map.timings.is_cut_short = !control.has_time_for(map.timings.total());
         if !map.timings.is_cut_short {
-            decide(&mut map, &doubt, pair, settings, runtime)?;
+            decide(&mut map, doubt, pair, settings, runtime)?;
             planes::draw(&mut map, pair, execution.level, control)?;
         }
         choice::conclude(&mut map);
@@ -120,7 +120,7 @@ fn matched(pair: &Pair, settings: &Settings, runtime: Runtime) -> Result<Dispari
 /// Decides between a map and that of the pair at half the size, if many pixels are in doubt.
 fn decide(
     map: &mut Disparity,
-    doubt: &Doubt,
+    doubt: Doubt,
     pair: &Pair,
     settings: &Settings,
     runtime: Runtime,
@@ -142,8 +142,8 @@ fn decide(
     let Prepared { pair: copy, settings: suited, .. } = prepare(copy, estimates, &facts, settings, runtime)?;
     let mut coarse = matched(&copy, &suited, runtime)?;
     if let Some(doubt) = Doubt::of_map(&coarse, runtime.execution.level)? {
-        decide(&mut coarse, &doubt, &copy, settings, runtime)?;
+        decide(&mut coarse, doubt, &copy, settings, runtime)?;
     }
 
-    choice::choose(map, doubt, &coarse, runtime.execution.level)
+    choice::choose(map, &doubt, &coarse, runtime.execution.level)
 }

@@ -9,6 +9,7 @@
 //! Both sides are in gray levels of the same image, so neither its contrast nor its unit matters. In a finely
 //! textured image the "noise" is texture, and flat is what has little of it.
 
+use std::borrow::Cow;
 use std::ops::Range;
 
 use phasestereo_match::base::control::Control;
@@ -43,9 +44,11 @@ pub struct FlatArea {
 
 /// Gray values of this reach with at most 15 bits, so that sums of their squares fit, and how many bits are
 /// lost.
-pub fn shortened(gray: &Plane<i32>, reach: u32) -> (Plane<i32>, u32) {
-    let surplus = (u32::BITS - reach.leading_zeros()).saturating_sub(MOST_BITS);
-    (gray.map(|gray| gray >> surplus), surplus)
+pub fn shortened(gray: &Plane<i32>, reach: u32) -> (Cow<'_, Plane<i32>>, u32) {
+    match (u32::BITS - reach.leading_zeros()).saturating_sub(MOST_BITS) {
+        0 => (Cow::Borrowed(gray), 0),
+        surplus => (Cow::Owned(gray.map(|gray| gray >> surplus)), surplus),
+    }
 }
 
 /// The large flat areas of an image of short gray values, from top to bottom.

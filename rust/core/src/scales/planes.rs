@@ -124,11 +124,15 @@ pub fn draw(map: &mut Disparity, pair: &Pair, level: Level, control: &Control) -
     // Whoever has floats may have rounded them anyhow.
     let rounding = left.scale().step().map_or(0.0, |step| left.scale().steps(step));
     let detail = Detail::new(&gray, rounding / f64::from(1u32 << lost), level, control)?;
+    drop(gray);
+    let blank = detail.blank(level, control)?;
+    let faint = detail.is_rounded().then(|| detail.at_most(FAINT));
+    drop(detail);
     let scene = Scene {
         disparity: &map.disparity,
         flags: &map.flags,
         confidence,
-        around: &means_around(confidence, level)?,
+        around: means_around(confidence, level)?,
         faint: None,
         // Nothing lies behind infinity.
         least: if pair.candidates().min() >= 0 { 0.0 } else { f32::NEG_INFINITY },
@@ -138,9 +142,7 @@ pub fn draw(map: &mut Disparity, pair: &Pair, level: Level, control: &Control) -
 
     // Every plane competes with the map as it was matched.
     let drawn: Result<Vec<_>> = areas.par_iter().map(|area| scene.drawn(area)).collect();
-    let (drawn, unseen) = scene.with_second_attempts(&areas, drawn?, &detail)?;
-    let blank = detail.blank(level, control)?;
-
+    let (drawn, unseen) = scene.with_second_attempts(&areas, drawn?, faint)?;
     for drawn in drawn {
         drawn.write(map);
     }
@@ -210,7 +212,7 @@ struct Scene<'a> {
     flags: &'a Plane<u16>,
     confidence: &'a Plane<f32>,
     /// Mean confidences of a few pixels.
-    around: &'a Plane<f32>,
+    around: Plane<f32>,
     /// Pixels that do not count.
     faint: Option<&'a Plane<bool>>,
     /// Least disparity.
@@ -228,15 +230,14 @@ struct Surroundings {
 }
 
 impl Scene<'_> {
-    /// What is drawn, after second attempts at areas that have no plane, and the pixels that are doubted
-    /// because of these.
+    /// What is drawn, after second attempts without faint pixels at areas that have no plane, and the pixels
+    /// that are doubted because of these.
     fn with_second_attempts(
-        &self,
+        self,
         areas: &[FlatArea],
         first: Vec<Option<Drawn>>,
-        detail: &Detail,
+        faint: Option<Plane<bool>>,
     ) -> Result<(Vec<Drawn>, Option<Plane<bool>>)> {
-        let faint = detail.is_rounded().then(|| detail.at_most(FAINT));
         // Without faint pixels a second attempt would be the first one.
         let is_other = |area: &FlatArea| {
             faint.as_ref().is_some_and(|faint| {
@@ -253,8 +254,9 @@ impl Scene<'_> {
         let bounded = places.map(|(own, faint)| if *faint { own.min(UNSEEN) } else { *own });
         let mut confidence = Plane::new(faint.rows(), faint.cols())?;
         confidence.as_mut_slice().iter_mut().zip(bounded).for_each(|(to, from)| *to = from);
-        let around = &means_around(&confidence, self.level)?;
-        let scene = Scene { confidence: &confidence, around, faint: Some(&faint), ..*self };
+        drop(self.around);
+        let around = means_around(&confidence, self.level)?;
+        let scene = Scene { confidence: &confidence, around, faint: Some(&faint), ..self };
 
         let second: Result<Vec<_>> = without.par_iter().map(|area| scene.drawn(area)).collect();
         let mut unseen = None;
@@ -306,8 +308,8 @@ impl Scene<'_> {
                 chances.extend(sums.map(chance).flat_map(|chance| [chance; TILE]));
             }
 
-            let [disparity, own, around] =
-                [self.disparity, self.confidence, self.around].map(|plane| &plane.row(y)[frame.cols.clone()]);
+            let [disparity, own, around] = [self.disparity, self.confidence, &self.around]
+                .map(|plane| &plane.row(y)[frame.cols.clone()]);
             let place = (y, frame.cols.start);
             let (least, inside, chances) = (self.least, inside.row(row), &chances);
             let known = [disparity, own, around, chances];
