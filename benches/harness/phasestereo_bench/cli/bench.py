@@ -9,6 +9,7 @@ from cyclopts import App, Parameter
 from phasestereo_bench.cli import (
     bench_all,
     bench_blur,
+    bench_choices,
     bench_compare,
     bench_confidence,
     bench_middlebury,
@@ -32,6 +33,7 @@ _COMMANDS: dict[str, Callable[..., None]] = {
     "paper": bench_paper.paper,
     "middlebury": bench_middlebury.middlebury,
     "blur": bench_blur.blur,
+    "choices": bench_choices.choices,
     "compare": bench_compare.compare,
     "confidence": bench_confidence.confidence,
     "range": bench_range.range_,

@@ -1,0 +1,90 @@
+"""``phasestereo bench choices``: constants of the core, swept -> a table."""
+
+# No `from __future__ import annotations`: the command line is made of these annotations.
+
+from pathlib import Path
+from typing import Annotated
+
+from phasestereo.cli.errors import refusals
+from phasestereo.cli.terminal import progress_bar
+from phasestereo_bench.cases import require_known
+from phasestereo_bench.choices import (
+    AS_IT_IS,
+    Constant,
+    build,
+    constants_table,
+    find_constants,
+    score,
+    swept_table,
+)
+from phasestereo_bench.cli.bench_tables import show
+from phasestereo_bench.cli.parameters import SEVERAL, Names, Output
+
+
+def choices(
+    *folders: Path,
+    constant: Names = (),
+    factor: Annotated[tuple[float, ...], SEVERAL] = (0.5, 2.0),
+    suite: str = "rigs",
+    degradation: Names = (),
+    scene: Names = (),
+    method: str = "robust",
+    source: Path = Path(),
+    output: Output = Path("choices"),
+) -> None:
+    """Sweep constants of the core: build it with other values of each, and score the builds.
+
+    Each variant is compiled, about a minute, and matches the scenes under the degradations. The
+    table has the shares of wrong pixels of the core as it is, and below them what each variant
+    changes. A run that was interrupted goes on where it stopped when the same command is given
+    again. Without ``--constant``, the constants that can be swept are listed. For example:
+
+    ```
+    phasestereo bench choices
+    phasestereo bench choices ~/middlebury --constant LEAST_DOUBT MANY --factor 0.5 2
+    ```
+
+    Parameters
+    ----------
+    folders
+        Official folder trees: folders that hold scenes2001, MiddEval3 and so on.
+    constant
+        Which constants, by name.
+    factor
+        What each is multiplied by; integers are rounded.
+    suite
+        Which degradations there are, as for ``phasestereo bench middlebury``.
+    degradation
+        Only these of the suite.
+    scene
+        Only these scenes.
+    method
+        What to match with, one of the methods of ``phasestereo bench middlebury``.
+    source
+        A checkout of phasestereo, with its Rust source.
+    output
+        Folder for builds and records.
+    """
+    with refusals(options={"constant", "factor", "source", "output"}):
+        known = {one.name: one for one in find_constants(source)}
+        if not constant:
+            show({"Constants": constants_table(known.values())})
+            return
+        require_known("constant", constant, known)
+        variants: dict[str, tuple[Constant, str] | None] = {AS_IT_IS: None}
+        for name in constant:
+            for times in factor:
+                value = known[name].scaled(times)
+                variants[f"{name} = {value}"] = known[name], value
+
+        named = {"--degradation": degradation, "--scene": scene}
+        options = [part for name, own in named.items() if own for part in (name, *own)]
+        arguments = [*map(str, folders), "--suite", suite, "--method", method, *options]
+        scores = {}
+        with progress_bar("Sweeping") as progress:
+            for done, (label, change) in enumerate(variants.items(), start=1):
+                scores[label] = score(build(source, output, label, change), arguments, output)
+                if progress is not None:
+                    progress(done, len(variants))
+
+    show({f"{method}, {suite}: points more or less": swept_table(scores)}, f"Records: {output}")
