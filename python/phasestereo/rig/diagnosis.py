@@ -1,4 +1,4 @@
-"""The diagnosis of a pair: what keeps it from being matched well, before it is matched.
+"""The diagnosis of a pair: what keeps it from being matched well.
 
 Here belongs the record of what the core has measured, and said about it.
 """
@@ -138,6 +138,8 @@ def check(left: ImageOrPath, right: ImageOrPath, *, self_rectify: bool = True) -
     Diagnosis
         Relative blur, gain and gamma, noise, saturation, texture, vertical misalignment, whether
         the images are swapped, and the range of disparities to search, with a sentence on each.
+        With ``self_rectify``, a copy of at most 0.4 megapixels is matched as well, and the first
+        finding warns if that match fails: estimates alone do not show how well a pair is matched.
         What cannot be estimated, of images too small or too uniform, is None, and a sentence says
         so. The result depends on the images alone.
 

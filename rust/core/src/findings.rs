@@ -14,7 +14,7 @@ mod pair;
 mod rectified;
 pub mod table;
 
-pub use self::outcome::{device_failed, most_wrong, of_match};
+pub use self::outcome::{device_failed, most_wrong, of_copy, of_match};
 pub use self::pair::{levels_of, of_pair, with_findings};
 pub use self::rectified::{along_columns, not_rectified, rectification, rectified};
 

@@ -19,7 +19,7 @@ use crate::findings;
 use crate::rectification::axis::Axis;
 use crate::rectification::raw_pair::{Attempt, rectify_if_needed};
 use crate::rectification::{Raw, Refusal, warp};
-use crate::scales::match_over_scales;
+use crate::scales::{match_copy, match_over_scales};
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::plane::Plane;
@@ -121,10 +121,17 @@ pub fn made_ready(pair: Pair, facts: &Facts, settings: &Settings, runtime: Runti
     Ok(Ready { prepared, raw, even_rows })
 }
 
-/// What a match of a pair along its rows finds out before it matches, by topic.
+/// What a match of a pair along its rows finds out before it matches, by topic; and before that, why the match of
+/// a small copy of the pair failed, if it did: estimates alone do not show how well a pair is matched.
 pub fn diagnosed(pair: Pair, facts: &Facts, settings: &Settings, runtime: Runtime) -> Result<Estimates> {
-    let mut estimates = made_ready(pair, &facts.along_rows(), settings, runtime)?.prepared.estimates;
+    let Ready { prepared, .. } = made_ready(pair, &facts.along_rows(), settings, runtime)?;
+    let (own, summary, size) = match_copy(&prepared, settings, runtime)?;
+
+    let Prepared { pair, mut estimates, .. } = prepared;
     estimates.findings = findings::by_topic(estimates.findings);
+    let is_smaller = size != pair.size();
+    let failed = findings::of_copy(own, &summary, size, is_smaller, &estimates.findings);
+    estimates.findings.splice(0..0, failed);
     Ok(estimates)
 }
 

@@ -31,8 +31,10 @@ pub mod planes;
 pub mod ranges;
 pub mod reduction;
 
+use std::iter;
+
 use crate::estimation::facts::{Fact, Facts, Rows};
-use crate::estimation::{Prepared, complete, prepare};
+use crate::estimation::{Estimates, Prepared, complete, prepare};
 use crate::scales::choice::Doubt;
 use crate::scales::choices::UNSEEN;
 use crate::scales::ranges::panel_ranges;
@@ -42,6 +44,7 @@ use phasestereo_match::base::platform::Instant;
 use phasestereo_match::matcher::Disparity;
 use phasestereo_match::matcher::runtime::Runtime;
 use phasestereo_match::matcher::section::Section;
+use phasestereo_match::matcher::summary::Summary;
 use phasestereo_match::pair::Pair;
 use phasestereo_match::settings::Settings;
 
@@ -50,6 +53,8 @@ const SOME: f64 = 0.01;
 /// Share of the pixels in doubt from which on a smaller copy is matched: of sharp pairs with fewer it decides
 /// less than 1 %.
 const MANY: f64 = 0.05;
+/// Most pixels of the copy that a diagnosis matches: that takes about as long as the estimates.
+const MOST_OF_COPY: usize = 400_000;
 
 /// Matches a prepared pair as [`phasestereo_match::matcher::Matcher::match_pair`] does, and decides over
 /// scales where these settings, from which it was prepared, ask for it.
@@ -117,6 +122,41 @@ fn matched(pair: &Pair, settings: &Settings, runtime: Runtime) -> Result<Dispari
     Ok(map)
 }
 
+/// Matches a copy of a prepared pair of at most [`MOST_OF_COPY`] pixels, or the pair itself if it is as small.
+/// The result: the estimates of the copy, the shares of its pixels, and its size.
+pub fn match_copy(
+    prepared: &Prepared,
+    settings: &Settings,
+    runtime: Runtime,
+) -> Result<(Estimates, Summary, (usize, usize))> {
+    let control = runtime.control.aside();
+    let runtime = Runtime { control: &control, ..runtime };
+    let is_small = |(rows, cols): (usize, usize)| rows * cols <= MOST_OF_COPY;
+
+    let halves = iter::successors(Some(prepared.pair.clone()), |pair| {
+        if is_small(pair.size()) { None } else { halved(pair) }
+    });
+    let copy = halves.last().filter(|copy| copy.size() != prepared.pair.size());
+    let copy = copy.map(|copy| prepared_copy(copy, settings, runtime)).transpose()?;
+    let copy = copy.as_ref().unwrap_or(prepared);
+
+    let map = match_over_scales(copy, settings, runtime)?;
+    let summary = Summary::new(&map, copy.estimates.candidates.value);
+    Ok((copy.estimates.clone(), summary, copy.pair.size()))
+}
+
+/// Makes a smaller copy of a prepared pair ready. Its rows correspond by now. Noise and blur are others: those of
+/// means.
+fn prepared_copy(copy: Pair, settings: &Settings, runtime: Runtime) -> Result<Prepared> {
+    let facts = Facts {
+        candidates: Some(Fact::scaled(copy.candidates())),
+        rows: Rows::known(Fact::scaled(None)),
+        ..Facts::default()
+    };
+    let (copy, estimates) = complete(copy, &facts, settings, runtime)?;
+    prepare(copy, estimates, &facts, settings, runtime)
+}
+
 /// Decides between a map and that of the pair at half the size, if many pixels are in doubt.
 fn decide(
     map: &mut Disparity,
@@ -128,18 +168,10 @@ fn decide(
     let copy = if doubt.share() > MANY { halved(pair) } else { None };
     let Some(copy) = copy else { return Ok(()) };
 
-    // Its rows correspond by now, and its progress is not that of the map. Noise and blur are others: those
-    // of means.
+    // Its progress is not that of the map.
     let control = runtime.control.aside();
     let runtime = Runtime { control: &control, ..runtime };
-    let facts = Facts {
-        candidates: Some(Fact::scaled(copy.candidates())),
-        rows: Rows::known(Fact::scaled(None)),
-        ..Facts::default()
-    };
-
-    let (copy, estimates) = complete(copy, &facts, settings, runtime)?;
-    let Prepared { pair: copy, settings: suited, .. } = prepare(copy, estimates, &facts, settings, runtime)?;
+    let Prepared { pair: copy, settings: suited, .. } = prepared_copy(copy, settings, runtime)?;
     let mut coarse = matched(&copy, &suited, runtime)?;
     if let Some(doubt) = Doubt::of_map(&coarse, runtime.execution.level)? {
         decide(&mut coarse, doubt, &copy, settings, runtime)?;

@@ -84,6 +84,28 @@ pub fn of_match(estimates: &Estimates, summary: &Summary, (rows, cols): (usize, 
     findings
 }
 
+/// Why the match of a copy of a pair cannot be trusted as a whole, beside what is reported of the pair.
+pub fn of_copy(
+    estimates: Estimates,
+    summary: &Summary,
+    (rows, cols): (usize, usize),
+    is_smaller: bool,
+    of_pair: &[Finding],
+) -> Vec<Finding> {
+    let estimates = Estimates { findings: of_pair.to_vec(), ..estimates };
+    let mut failed = of_match(&estimates, summary, (rows, cols));
+    failed.retain(|one| {
+        let is_known = of_pair.iter().any(|known| known.sentence == one.sentence);
+        one.topic == Topic::Match && one.severity == Severity::Warning && !is_known
+    });
+    if is_smaller {
+        for one in &mut failed {
+            one.sentence += &format!(" (a copy of {cols} x {rows} pixels was matched)");
+        }
+    }
+    failed
+}
+
 impl Outcome<'_> {
     /// A finding on the pair as the match has it: faults that it compensated or suffered from are notes.
     fn of_pair(&self, found: &Finding) -> Option<Finding> {
@@ -197,6 +219,24 @@ mod tests {
         };
         assert_eq!(said(pair(), 0, summary(|_| ())), [(Severity::Note, "noisy".to_owned())]);
         assert!(of_match(&estimates(0, pair()), &summary(|_| ()), (47, 100)).is_empty(), "too small");
+    }
+
+    #[test]
+    fn of_a_copy_only_a_failure_is_reported_that_is_not_known() {
+        let failed = summary(|of| of.wrong = 0.8);
+        let copy = |of_pair: &[Finding], summary: &Summary, is_smaller| {
+            of_copy(estimates(0, vec![]), summary, SIZE, is_smaller, of_pair)
+        };
+        let noisy = [Finding::warning(Topic::Noise, "noisy")];
+        assert!(copy(&noisy, &summary(|_| ()), true).is_empty());
+
+        let first = copy(&noisy, &failed, false);
+        assert!(first[0].sentence.starts_with("about 80 % of the pixels are probably wrong"));
+        assert!(first.iter().all(|one| one.topic == Topic::Match));
+        assert!(copy(&first, &failed, true).is_empty());
+        assert!(
+            copy(&noisy, &failed, true)[0].sentence.ends_with(" (a copy of 100 x 100 pixels was matched)")
+        );
     }
 
     #[test]
