@@ -219,7 +219,8 @@ def score(package: Path, arguments: Sequence[str], output: Path) -> dict[str, fl
     RuntimeError
         If the benchmark fails: with the last line that it printed.
     """
-    extension = next((package / "phasestereo").glob("_core*.[sp][oy]*"))
+    names = (package / "phasestereo").glob("_core.*")
+    extension = next(path for path in names if path.suffix in {".so", ".pyd"})
     records = output / f"{package.name}-{sha256(extension.read_bytes()).hexdigest()[:8]}.jsonl"
     paths = [str(package), *filter(None, [os.environ.get("PYTHONPATH")])]
     done = subprocess.run(  # noqa: S603 - the arguments are checked by the command

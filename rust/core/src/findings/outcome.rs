@@ -100,7 +100,7 @@ pub fn of_copy(
     });
     if is_smaller {
         for one in &mut failed {
-            one.sentence += &format!(" (a copy of {cols} x {rows} pixels was matched)");
+            one.sentence = format!("{} (a copy of {cols} x {rows} pixels was matched)", one.sentence);
         }
     }
     failed
