@@ -137,7 +137,8 @@ choices! {
     LOOKAHEAD_ROWS: usize = 16, in "rows", evidence "hardly less accurate than whole paths";
 
     /// A jump of the gray value beyond this many thresholds is large.
-    LARGE_JUMP: u32 = 3, in "thresholds", evidence "not swept";
+    LARGE_JUMP: u32 = 3, in "thresholds",
+        evidence "of 12 scenes under 5 faults 0.12 points fewer pixels are wrong with 2, and 0.02 more with 4";
 
     /// What P2 is divided by after no jump, a small and a large one.
     P2_DIVISORS: [u64; 3] = [1, 2, 3], in "ratio", evidence "not swept";
@@ -186,7 +187,7 @@ choices! {
 
     /// Columns on either side of a gap in the right view that its brightness is adapted to.
     BESIDE_GAP: usize = 16, in "columns",
-        evidence "it counts where the contrast of the images differs; not swept";
+        evidence "it counts where the contrast of the images differs; under 5 faults 11 and 21 change 0.03 points";
 
     /// How far ahead of all others the best candidate of a pixel with half a vote is.
     HALF_VOTE: f32 = 4.0, in "units of the mean cost (bits, for phase codes of 16 bits)",
