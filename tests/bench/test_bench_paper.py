@@ -46,7 +46,7 @@ from phasestereo_bench.paper.study import (
 for module in ("PIL", "scipy", "matplotlib"):
     pytest.importorskip(module)
 cli = pytest.importorskip("phasestereo.cli")
-bench_paper = pytest.importorskip("phasestereo_bench.cli.bench_paper")
+pytest.importorskip("phasestereo_bench.cli.bench_files")
 
 # What is blurred, and how much.
 

@@ -1,4 +1,4 @@
-"""``phasestereo bench``: benchmarks, one module a command."""
+"""``phasestereo bench``: benchmarks, one module a kind of command."""
 
 from __future__ import annotations
 
@@ -8,20 +8,12 @@ from cyclopts import App, Parameter
 
 from phasestereo_bench.cli import (
     bench_all,
-    bench_blur,
     bench_choices,
-    bench_compare,
-    bench_confidence,
+    bench_direct,
+    bench_files,
     bench_middlebury,
-    bench_paper,
-    bench_range,
-    bench_recordings,
-    bench_report,
     bench_speed,
-    bench_submit,
-    bench_surfaces,
-    bench_verify,
-    bench_video,
+    bench_suites,
 )
 
 app = App(
@@ -30,20 +22,20 @@ app = App(
     default_parameter=Parameter(negative_iterable=()),
 )
 _COMMANDS: dict[str, Callable[..., None]] = {
-    "paper": bench_paper.paper,
+    "paper": bench_files.paper,
     "middlebury": bench_middlebury.middlebury,
-    "blur": bench_blur.blur,
+    "blur": bench_suites.blur,
     "choices": bench_choices.choices,
-    "compare": bench_compare.compare,
-    "confidence": bench_confidence.confidence,
-    "range": bench_range.range_,
-    "recordings": bench_recordings.recordings,
+    "compare": bench_files.compare,
+    "confidence": bench_suites.confidence,
+    "range": bench_direct.range_,
+    "recordings": bench_suites.recordings,
     "speed": bench_speed.speed,
-    "submit": bench_submit.submit,
-    "surfaces": bench_surfaces.surfaces,
-    "video": bench_video.video,
-    "verify": bench_verify.verify,
-    "report": bench_report.report,
+    "submit": bench_files.submit,
+    "surfaces": bench_suites.surfaces,
+    "video": bench_direct.video,
+    "verify": bench_direct.verify,
+    "report": bench_middlebury.report,
     "tables": bench_all.tables,
 }
 for _name, _command in _COMMANDS.items():

@@ -1,4 +1,4 @@
-"""``phasestereo bench middlebury``: methods x scenes x degradations -> a table."""
+"""``phasestereo bench middlebury`` and ``report``: records of cells -> tables, and a plot."""
 
 # No `from __future__ import annotations`: the command line is made of these annotations.
 
@@ -12,17 +12,22 @@ from cyclopts import Parameter
 from phasestereo.cli.errors import refusals
 from phasestereo.cli.terminal import say
 from phasestereo_bench.cases import SUITES
-from phasestereo_bench.cli.bench_report import show_results
 from phasestereo_bench.cli.bench_runs import AS_USUAL, RunOptions, require_done
 from phasestereo_bench.cli.bench_scenes import ALL, SceneChoice
+from phasestereo_bench.cli.bench_tables import show
 from phasestereo_bench.cli.parameters import CELLS, RUN, SCENES, Flag, Folders, Names, RecordsFile
 from phasestereo_bench.methods import method as method_of, present
 from phasestereo_bench.middlebury import default_methods, middlebury_jobs
-from phasestereo_bench.report.results import results_of
+from phasestereo_bench.report import read_results
+from phasestereo_bench.report.cells import KIND, METRICS
+from phasestereo_bench.report.origin import explain, origin
+from phasestereo_bench.report.plots import draw_means, save_plot
+from phasestereo_bench.report.results import Results, results_of
+from phasestereo_bench.report.sharp import sharp_tables
+from phasestereo_bench.report.tables import cost_table, mean_table
 from phasestereo_bench.rigs import QUICK_SCENES
 from phasestereo_bench.store import read_store
 
-_OPTIONS = {"suite", "degradation", "side", "method", "hitnet", "scene"}
 _SUITE_HELP = f"Which degradations: {', '.join(SUITES)}."
 
 
@@ -76,7 +81,7 @@ def middlebury(
     output
         File for the records.
     """
-    with refusals(options=_OPTIONS):
+    with refusals(options={"suite", "degradation", "side", "method", "hitnet", "scene"}):
         if quick and not choice.scene:
             choice = replace(choice, scene=tuple(sorted(QUICK_SCENES)))
 
@@ -109,3 +114,67 @@ def rivals(hitnet: Path | None, others: Sequence[str] = ()) -> list[str]:
     for sentence in missing:
         say(sentence)
     return there
+
+
+def report(
+    *results: Path,
+    output: Annotated[Path | None, Parameter(alias="-o")] = None,
+    metric: str = "v2.nonocc",
+    method: Names = (),
+    suite: str | None = None,
+    side: str | None = None,
+) -> None:
+    """Report on what ``bench middlebury`` left behind: tables, and a plot.
+
+    Prints the means over the scenes. Other benchmarks print their tables again when their command
+    is given again. For example:
+
+    ```
+    phasestereo bench report results.jsonl -o means.svg
+    phasestereo bench report results.jsonl --metric v3.bad_2 --method paper opencv:sgbm
+    ```
+
+    Parameters
+    ----------
+    results
+        Files of records. Of several records of one cell the last counts.
+    output
+        File for a plot of the means, .svg or .png.
+    metric
+        Which number: v2.nonocc, v2.all, v2.disc, v3.bad_0_5, v3.bad_1, v3.bad_2, v3.bad_4,
+        v3.invalid, v3.avgerr, v3.rms, v3.a50, v3.a90, v3.a95, v3.a99, d1, epe or roc.
+    method
+        Only these methods, in this order, each as a table names it.
+    suite
+        Only this suite; needed where there are results of several.
+    side
+        Only cells with this image degraded, left or right; needed where there are both.
+    """
+    with refusals(options={"metric", "method", "suite", "side", "output"}):
+        if not results:
+            raise ValueError("no file of records given")
+
+        loaded = read_results(results, suite=suite, side=side, methods=method)
+        loaded.require_metric(metric)
+
+        if output is not None:
+            save_plot(draw_means(loaded, metric), output)
+
+    kinds = {record["kind"] for path in results for record in read_store(path)}
+    rest = ", ".join(sorted(kinds - {KIND, "environment"}))
+    further = [f"Left out, records of other benchmarks: {rest}"] if rest else []
+    further += [] if output is None else [f"Wrote {output}"]
+    show_results(loaded, metric, further)
+
+
+def show_results(results: Results, metric: str, further: Sequence[str]) -> None:
+    """Print tables, what they are and were made with, what failed, and further lines."""
+    failed = [f"{c.place}, {c.degradation}, {c.method} failed: {c.error}" for c in results.failures]
+    show(
+        {
+            METRICS[metric].label: mean_table(results, metric),
+            **{title: table for title, (_, table) in sharp_tables(results).items()},
+            "One pair, one thread": cost_table(results),
+        },
+        *(explain(results, metric), origin(results), *failed, *further),
+    )

@@ -1,0 +1,157 @@
+"""Commands that keep no records: ranges, second opinions and videos -> a table at once."""
+
+# No `from __future__ import annotations`: the command line is made of these annotations.
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter, validators
+
+from phasestereo.cli.errors import refusals
+from phasestereo.cli.terminal import progress_bar, say
+from phasestereo.settings import PRESETS
+from phasestereo_bench.cases import require_known
+from phasestereo_bench.cli.bench_middlebury import rivals
+from phasestereo_bench.cli.bench_scenes import ALL, SceneChoice
+from phasestereo_bench.cli.bench_tables import show
+from phasestereo_bench.cli.parameters import SCENES, Flag, Folders, Names, Natural
+from phasestereo_bench.ranges import (
+    KINDS,
+    Comparison,
+    Trial,
+    compare,
+    compared_table,
+    constructions,
+    found_table,
+    search,
+)
+from phasestereo_bench.verification import CONDITIONS, opinion_table, opinions
+from phasestereo_bench.video import compared, steadiness_table
+
+
+def range_(
+    *folders: Path,
+    choice: Annotated[SceneChoice, Parameter(name="*")] = ALL,
+    kind: Names = (),
+    held: Flag = False,
+    told: Annotated[bool, Parameter(negative=())] = True,
+) -> None:
+    """Check whether the range is found where none is given.
+
+    Pairs are made of the scenes, always the same: near objects, poles and squares before far
+    backgrounds, disparities of either sign in images of many widths, the same image twice, and
+    weak texture. Then the scenes are matched without and with their range. For example:
+
+    ```
+    phasestereo bench range ~/middlebury
+    phasestereo bench range ~/middlebury --kind poles squares --held
+    ```
+
+    Parameters
+    ----------
+    folders
+        Official folder trees: folders that hold scenes2001, MiddEval3 and so on.
+    kind
+        Only these: near, poles, squares, signed, same, parallel, weak.
+    held
+        Other pairs than those that the search was developed with: other textures, places, sizes
+        and faults.
+    told
+        Match the scenes, too.
+    """
+    with refusals(options={"scene", "kind"}):
+        require_known("kind", kind, KINDS)
+        chosen = choice.select(folders, "one-sided-blur", silent=True)
+        scenes = [scene.load() for scene in chosen]
+        made = list(constructions(scenes, kind or KINDS, held=held))
+        work: list[Callable[[], Trial | Comparison]] = [partial(search, one) for one in made]
+        work += [partial(compare, pair, repeats=3) for pair in scenes if told]
+        found: list[Trial | Comparison] = []
+        with progress_bar("Searching") as progress:
+            for call in work:
+                found.append(call())
+                if progress is not None:
+                    progress(len(found), len(work))
+
+    trials = [one for one in found if isinstance(one, Trial)]
+    matched = [one for one in found if isinstance(one, Comparison)]
+    outside = [f"{one.kind}: {one.name}: searched {one.search}" for one in trials if one.outside]
+    show({"Outside the range that was found": found_table(trials)}, *outside)
+    show({"Without and with the range": compared_table(matched) if matched else None})
+
+
+def verify(
+    *folders: Folders,
+    choice: Annotated[SceneChoice, Parameter(name="*", group=SCENES)] = ALL,
+    condition: Names = tuple(CONDITIONS),
+    method: Names = ("opencv:sgbm",),
+    hitnet: Path | None = None,
+) -> None:
+    """Judge the maps of other matchers, and say how often that is right.
+
+    Of each map: the share of the visible pixels that are off by more than 1 px, the shares of these
+    and of the right ones that are refuted (beside that, what a confident match that differs by
+    more than 1.5 px would refute), how often the better disparity is right, what is supported, and
+    what is refuted of the right disparities that the other image does not see. Means over the
+    scenes, in %. For example:
+
+    ```
+    phasestereo bench verify ~/middlebury --hitnet hitnet_eth3d.onnx
+    ```
+
+    Parameters
+    ----------
+    folders
+        Official folder trees: folders that hold scenes2001, MiddEval3 and so on, or one of these,
+        or one scene in it.
+    condition
+        What is done to the pairs: sharp, "disk 6", "gauss 2", "motion 9", "noise 20", "jpeg 70",
+        "both disk 3", "rows 1"; all of them without it.
+    method
+        Whose maps: any that ``phasestereo bench middlebury`` takes.
+    hitnet
+        HITNet's ONNX file for ETH3D: the network takes part, too, if onnxruntime is installed.
+    """
+    with refusals(options={"scene", "condition", "method", "hitnet"}):
+        require_known("condition", condition, CONDITIONS)
+        scenes = choice.select(folders, "sharp")
+        methods = [*rivals(hitnet), *method]
+        say(f"matching and judging {len(scenes)} scenes under {len(condition)} conditions")
+        table = opinion_table(list(opinions(scenes, methods, condition)))
+
+    show({f"A second opinion, %, means of {len(scenes)} scenes": table})
+
+
+def video(
+    *,
+    preset: Names = ("fast", "robust"),
+    noise: Annotated[float, Parameter(validator=validators.Number(gte=0))] = 3.0,
+    seed: Natural = 0,
+) -> None:
+    """Score streams on rendered videos, without and with the temporal filter.
+
+    Three sequences of 12 frames with fresh noise in each: a scene that stands still, a camera that
+    moves, an object that moves before a scene that stands still. Every number is given without the
+    filter and with it. It takes half a minute:
+
+    ```
+    phasestereo bench video
+    ```
+
+    Parameters
+    ----------
+    preset
+        Settings to match with, some of the presets; fast and robust without it.
+    noise
+        Standard deviation of the noise, gray levels.
+    seed
+        Of the scene and the noise.
+    """
+    with refusals(options={"preset", "noise", "seed"}):
+        require_known("preset", preset, PRESETS)
+        say("rendering and matching 3 sequences")
+        table = steadiness_table(list(compared(preset, noise, seed)))
+
+    show({f"Frame by frame -> temporal filter, noise {noise:g}": table})
