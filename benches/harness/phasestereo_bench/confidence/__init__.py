@@ -1,17 +1,17 @@
 """Confidence that is a probability: what the core's calibration is learned from, and how it holds.
 
 `observation` matches degraded pairs and counts how far their disparities are off, `learning` fits
-the weights to these counts, `verdict` says what they are worth on faults and scenes that were left
-out, `weights` writes them as the core has them.
+the weights to these counts and writes them as the core has them, `verdict` says what they are worth
+on faults and scenes that were left out.
 
 `claims` and `judging` do the same for maps of other matchers, which the core judges.
 """
 
 from phasestereo_bench.confidence.claims import OFTEN, claim_jobs
 from phasestereo_bench.confidence.judging import claims_of, judging_table
+from phasestereo_bench.confidence.learning import learned_weights, write_weights
 from phasestereo_bench.confidence.observation import confidence_jobs
 from phasestereo_bench.confidence.verdict import held_out, verdict_table
-from phasestereo_bench.confidence.weights import learned_weights, write_weights
 
 __all__ = [
     "OFTEN",

@@ -1,8 +1,14 @@
 """Pairs of known disparities, and the range that is searched when none is given."""
 
 from phasestereo_bench.ranges.constructions import KINDS, Construction, constructions
-from phasestereo_bench.ranges.results import compared_table, found_table
-from phasestereo_bench.ranges.trials import Comparison, Trial, compare, search
+from phasestereo_bench.ranges.trials import (
+    Comparison,
+    Trial,
+    compare,
+    compared_table,
+    found_table,
+    search,
+)
 
 __all__ = [
     "KINDS",

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from textwrap import fill
 from types import MappingProxyType
 
 from phasestereo.io.drafts import replacing
-from phasestereo_bench.report.faults import FAULT_TABLES, explain_faults
 from phasestereo_bench.report.markdown import fill_markers, markdown_table, markdown_text
-from phasestereo_bench.report.origin import explain
+from phasestereo_bench.report.origin import explain, explain_faults
 from phasestereo_bench.report.results import Results
 from phasestereo_bench.report.sharp import explain_v2, explain_v3, two_table, v2_table, v3_table
-from phasestereo_bench.report.tables import Table, mean_table, scene_table
+from phasestereo_bench.report.tables import Table, fault_table, mean_table, scene_table
+from phasestereo_bench.rigs import RIGS
 
 Maker = Callable[[Results, str], Table]
 Words = Callable[[Results, str], str]
@@ -28,7 +29,12 @@ MARKERS: Mapping[str, tuple[str, Maker, Words]] = MappingProxyType(
         "sharp-means": ("sharp", two_table, explain),
         "sharp-v2": ("sharp", v2_table, explain_v2),
         "sharp-v3": ("sharp", v3_table, explain_v3),
-        **{name: (*both, explain_faults) for name, both in FAULT_TABLES.items()},
+        **{
+            f"rigs-{fault.group}": (suite, partial(fault_table, group=fault.group), explain_faults)
+            for suite, faults in RIGS.items()
+            for fault in faults.values()
+            if fault.group != "sharp"
+        },
     }
 )
 """The names that markers can have: the suite whose results they show, in which table, and its

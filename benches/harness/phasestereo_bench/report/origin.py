@@ -8,18 +8,27 @@ from typing import Any
 
 from phasestereo_bench.report.cells import METRICS
 from phasestereo_bench.report.results import Results, knows_blur
-from phasestereo_bench.report.tables import scene_count
+from phasestereo_bench.report.tables import means, scene_count
 
 
 def explain(results: Results, metric: str) -> str:
     """Say what the figures of a table are, and which of them are bold."""
-    title = METRICS[metric].label
     scenes = scene_count(results, metric) or "the scenes that all methods have"
     best = " without true blur" if any(map(knows_blur, results.methods)) else ""
+    return _explained(results, metric, scenes, best)
+
+
+def explain_faults(results: Results, metric: str) -> str:
+    """Say what the figures of `tables.fault_table` are."""
+    count = min(means(results, metric, (name,)).scenes for name in results.degradations)
+    return _explained(results, metric, f"{count} scenes")
+
+
+def _explained(results: Results, metric: str, scenes: str, best: str = "") -> str:
+    title = METRICS[metric].label
     return (
         f"{title[0].upper()}{title[1:]}: {METRICS[metric].better}. Means over {scenes}, "
-        f"{results.state}. Bold: the best{best}."
-        f"{left_out(results, metric)}"
+        f"{results.state}. Bold: the best{best}.{left_out(results, metric)}"
     )
 
 

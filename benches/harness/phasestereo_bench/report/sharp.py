@@ -2,18 +2,22 @@
 
 Version 2 ranked by the percentages of three regions of each of its scenes, version 3 looks at how
 far disparities are off. Means are those of `tables`: over the scenes that all methods have.
+
+The sizes of MiddEval3 are side by side: quarter, half and full resolution of the training pairs.
+The official figure counts errors in pixels of the full size: its bad-2.0 is bad-1.0 at half and
+bad-0.5 at a quarter of that, as the evaluation's own programs say.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from statistics import fmean
+from typing import NamedTuple
 
-from phasestereo_bench.report.cells import METRICS
+from phasestereo_bench.report.cells import METRICS, Cell
 from phasestereo_bench.report.results import Results
-from phasestereo_bench.report.sizes import explain_sizes, size_table
-from phasestereo_bench.report.tables import Entry, Table, figures, means, place_names
+from phasestereo_bench.report.tables import MISSING, Entry, Table, figures, means, place_names
 
 _V2_SCENES = ("scenes2001/tsukuba", "scenes2001/venus", "scenes2003/teddy", "scenes2003/cones")
 _REGIONS = ("v2.nonocc", "v2.all", "v2.disc")
@@ -119,3 +123,72 @@ def _table(results: Results, columns: Mapping[str, tuple[Mapping[str, float], st
     ]
     labels = [Entry(method) for method in results.methods]
     return Table(("method", *columns), tuple(zip(labels, *entries, strict=True)))
+
+
+class Size(NamedTuple):
+    """One size of the pairs: what to call it, and its metric that is the official bad-2.0."""
+
+    name: str
+    official: str
+
+
+SIZES = {
+    "Q": Size("quarter", "v3.bad_0_5"),
+    "H": Size("half", "v3.bad_1"),
+    "F": Size("full", "v3.bad_2"),
+}
+"""The sizes by the last letter of the collection's name."""
+
+_COLLECTIONS = {f"MiddEval3/training{letter}": letter for letter in SIZES}
+_OWN = {name: title for name, title in _V3.items() if name.startswith("v3.bad")}
+_HEADER = "size", "method", "scenes", "official bad-2.0", *_OWN.values(), "mean error", "seconds"
+
+
+def size_table(cells: Iterable[Cell]) -> Table | None:
+    """Return sizes and methods down, errors across; None if no cell is of half or full size.
+
+    Means are over the scenes that all methods of a size have. Degraded pairs are left out.
+    """
+    groups: dict[str, dict[str, list[Cell]]] = {}
+    for cell in cells:
+        size = _COLLECTIONS.get(cell.place.collection)
+        if size is not None and cell.degradation == "sharp" and cell.metrics:
+            groups.setdefault(size, {}).setdefault(cell.method, []).append(cell)
+
+    if not set(groups) - {"Q"}:
+        return None
+    rows = [row for size in SIZES if size in groups for row in _rows(SIZES[size], groups[size])]
+    return Table(_HEADER, tuple(rows), labels=2)
+
+
+def explain_sizes() -> str:
+    """Say what the figures of `size_table` are."""
+    return (
+        "MiddEval3, non-occluded pixels, means over the scenes that all methods of a size have. "
+        "Official: more than 2 px off in pixels of the full size, %. Bad-T in %, and the mean "
+        "error, are in pixels of the images; less is better."
+    )
+
+
+def _rows(size: Size, methods: dict[str, list[Cell]]) -> list[tuple[Entry, ...]]:
+    shared = set.intersection(*({cell.place for cell in cells} for cells in methods.values()))
+    return [
+        _row(size, method, [cell for cell in cells if cell.place in shared])
+        for method, cells in methods.items()
+    ]
+
+
+def _row(size: Size, method: str, cells: Sequence[Cell]) -> tuple[Entry, ...]:
+    def mean(metric: str) -> str:
+        values = [cell.metrics[metric] for cell in cells if metric in cell.metrics]
+        return METRICS[metric].format(fmean(values)) if values else MISSING
+
+    seconds = [cell.seconds for cell in cells if cell.seconds is not None]
+    texts = (
+        size.name,
+        method,
+        str(len(cells)),
+        *(mean(metric) for metric in (size.official, *_OWN, "v3.avgerr")),
+        f"{fmean(seconds):.1f}" if seconds else MISSING,
+    )
+    return tuple(map(Entry, texts))

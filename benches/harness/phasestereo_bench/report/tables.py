@@ -16,6 +16,7 @@ from typing import NamedTuple
 from phasestereo_bench.cases import SUITE_SCENES, SUITES
 from phasestereo_bench.report.cells import METRICS, Metric, Place
 from phasestereo_bench.report.results import Results, knows_blur
+from phasestereo_bench.rigs import RIGS
 
 MISSING = "-"
 
@@ -167,6 +168,17 @@ def scene_table(results: Results, metric: str) -> Table:
 
     header = ("scene", *[f"{results.side} image"] * several, *results.methods)
     return Table(header, tuple(rows), labels=1 + several)
+
+
+def fault_table(results: Results, metric: str, *, group: str) -> Table:
+    """Return faults of a group x methods: means over the scenes that all methods have."""
+    rows = [
+        (Entry(name), *figures(results.methods, values, METRICS[metric]))
+        for name in results.degradations
+        if RIGS[results.suite][name].group == group
+        for values in [means(results, metric, (name,)).values]
+    ]
+    return Table(("fault", *results.methods), tuple(rows))
 
 
 def place_names(places: Sequence[Place]) -> dict[Place, str]:
