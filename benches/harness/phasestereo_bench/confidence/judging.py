@@ -300,21 +300,13 @@ def _design(traits: Numbers, places: Numbers) -> NDArray[np.float32]:
 def _steady(places: Numbers) -> Numbers:
     """Return the weights of the squares of heights, steps and bends."""
     steady = np.zeros((1 + TRAITS * KNOTS,) * 2)
+    one = np.eye(KNOTS)
+    step, bend = np.diff(one, axis=0), np.diff(one, 2, axis=0)
     for trait, points in enumerate(places):
-        first = 1 + trait * KNOTS
-        for knot in range(KNOTS):
-            steady[first + knot, first + knot] += _HEIGHT
-        for knot in range(KNOTS - 1):
-            step = _STEP if points[knot + 1] > points[knot] else _SAME
-            _add_square(steady, first + knot, (-1, 1), step)
-        for knot in range(KNOTS - 2):
-            _add_square(steady, first + knot, (1, -2, 1), _BEND)
+        own = slice(1 + trait * KNOTS, 1 + (trait + 1) * KNOTS)
+        weights = np.where(np.diff(points) > 0, _STEP, _SAME)
+        steady[own, own] = _HEIGHT * one + (step.T * weights) @ step + _BEND * bend.T @ bend
     return steady
-
-
-def _add_square(steady: Numbers, first: int, factors: Sequence[float], weight: float) -> None:
-    place = slice(first, first + len(factors))
-    steady[place, place] += weight * np.outer(factors, factors)
 
 
 def _fitted(
@@ -354,15 +346,8 @@ def _fitted(
 
 def _bars(odds: Numbers, errors: Numbers, weight: Numbers) -> Numbers:
     """Return the points of the logarithm of the bar, which holds 90 % of the errors."""
-    left, share = between_knots(odds)
-    rows = np.arange(len(odds))
-    design = np.zeros((len(odds), BAR_KNOTS))
-    design[rows, left] = 1 - share
-    design[rows, left + 1] += share
-
     size = np.log(errors.clip(_LEAST_ERROR, 80))
-    smooth = np.zeros((BAR_KNOTS, BAR_KNOTS))
-    for knot in range(BAR_KNOTS - 1):
-        _add_square(smooth, knot, (-1, 1), 1e-3 * weight.sum())
+    step = np.diff(np.eye(BAR_KNOTS), axis=0)
+    smooth = 1e-3 * weight.sum() * step.T @ step
     mean = np.full(BAR_KNOTS, float(np.average(size, weights=weight)))
-    return quantile(design, size, weight, smooth, mean)
+    return quantile(between_knots(odds), size, weight, smooth, mean)

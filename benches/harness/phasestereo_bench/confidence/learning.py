@@ -200,26 +200,17 @@ def _bars(pairs: Sequence[Observed], heights: Numbers) -> tuple[Numbers, Numbers
 
 def _design(pair: Observed, z: Numbers, kind: NDArray[np.intp]) -> Numbers:
     """Return the terms of a bar's logarithm: shares of two points, and of traits."""
-    left, share = between_knots(z)
-    rows = np.arange(z.size)
-
-    design = np.zeros((z.size, 2 * KNOTS + int(_WIDENS.sum())))
-    design[rows, kind * KNOTS + left] = 1 - share
-    design[rows, kind * KNOTS + left + 1] += share
-    design[:, 2 * KNOTS :] = pair.traits[_WIDENS]
-    return design
+    of_kinds = [between_knots(z) * (kind[:, None] == one) for one in (0, 1)]
+    return np.hstack([*of_kinds, np.tile(pair.traits[_WIDENS], (z.size, 1))])
 
 
 def _differences(count: int) -> Numbers:
     """Return the squares of differences of points, so that those nobody has seen follow others."""
-    steps = np.zeros((2 * (KNOTS - 1) + KNOTS, count))
-    for kind in (0, 1):
-        for point in range(KNOTS - 1):
-            row = kind * (KNOTS - 1) + point
-            steps[row, kind * KNOTS + point : kind * KNOTS + point + 2] = -1, 1
-    for point in range(KNOTS):
-        steps[2 * (KNOTS - 1) + point, [point, KNOTS + point]] = -0.3, 0.3
-    return np.asarray(steps.T @ steps + 1e-6 * np.eye(count))
+    one, step = np.eye(KNOTS), np.diff(np.eye(KNOTS), axis=0)
+    steps = np.block([[step, 0 * step], [0 * step, step], [-0.3 * one, 0.3 * one]])
+    squares = 1e-6 * np.eye(count)
+    squares[: 2 * KNOTS, : 2 * KNOTS] += steps.T @ steps
+    return squares
 
 
 _FILE = """//! Learned by `phasestereo bench confidence`, which writes this file.

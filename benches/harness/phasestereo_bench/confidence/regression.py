@@ -22,11 +22,10 @@ def sigmoid(z: Numbers) -> Numbers:
     return np.asarray(1 / (1 + np.exp(-z)))
 
 
-def between_knots(z: Numbers) -> tuple[NDArray[np.intp], Numbers]:
-    """Find the point before each logarithm of the odds, and the share of the one after it."""
+def between_knots(z: Numbers) -> Numbers:
+    """Compute the shares of the points in each logarithm of the odds, (N, KNOTS): two at most."""
     place = np.clip(z - FIRST_KNOT, 0, KNOTS - 1)
-    left = np.minimum(place.astype(int), KNOTS - 2)
-    return left, place - left
+    return np.maximum(1 - np.abs(place[:, None] - np.arange(KNOTS)), 0)
 
 
 def quantile(
