@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -92,7 +93,7 @@ class Method:
 
 def available() -> list[str]:
     """Return the names of all methods that there are here, OpenCV's if it is installed."""
-    return [*PRESETS, *BASELINES, *(_OPENCV if _opencv_is_installed() else ())]
+    return [*PRESETS, *BASELINES, *(_OPENCV if find_spec("cv2") else ())]
 
 
 def method(spec: str | Matcher | Method) -> Method:
@@ -306,7 +307,9 @@ def _imported(name: str) -> Method:
     except (ImportError, AttributeError, ValueError) as error:
         raise ValueError(f"method: got {name!r}, which cannot be imported: {error}") from error
 
-    return Method(name, _callable(name, found))
+    if not callable(found):
+        raise TypeError(f"method: {name!r} is not a function but {type(found).__name__}")
+    return Method(name, found)
 
 
 def _module(function: Matcher) -> str:
@@ -315,17 +318,3 @@ def _module(function: Matcher) -> str:
     if function.__module__ == "__main__" and script is not None:
         return Path(script).stem
     return function.__module__
-
-
-def _callable(name: str, found: Any) -> Matcher:
-    if not callable(found):
-        raise TypeError(f"method: {name!r} is not a function but {type(found).__name__}")
-    return found
-
-
-def _opencv_is_installed() -> bool:
-    try:
-        require("cv2", extra="opencv")
-    except ImportError:
-        return False
-    return True

@@ -8,6 +8,7 @@ import traceback
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
+from unittest.mock import patch
 
 from phasestereo._numbers import as_json
 from phasestereo_bench.measurement import measured
@@ -33,16 +34,9 @@ _SINGLE = (
 @contextmanager
 def working(count: int) -> Iterator[Processes]:
     """Let processes work off jobs by `perform`, each with every library on a single thread."""
-    earlier = dict(os.environ)
-    os.environ.update(dict.fromkeys(_SINGLE, "1"))  # the processes inherit it
-    try:
-        with local(count) as processes:
-            yield processes
-    finally:
-        for name in _SINGLE:
-            os.environ.pop(name)
-            if name in earlier:
-                os.environ[name] = earlier[name]
+    inherited = dict.fromkeys(_SINGLE, "1")
+    with patch.dict(os.environ, inherited), local(count) as processes:
+        yield processes
 
 
 def next_outcome(processes: Processes) -> tuple[str, JobFields]:

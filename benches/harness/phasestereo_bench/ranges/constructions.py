@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import product
 from typing import Any
 
@@ -83,10 +84,10 @@ def constructions(
     if len(scenes) < 2:
         raise ValueError(f"scenes: got {len(scenes)}; accepts two or more")
 
-    makers = {
+    makers: dict[str, Callable[..., Iterator[Construction]]] = {
         "near": _near,
-        "poles": _poles,
-        "squares": _squares,
+        "poles": partial(_thin, "poles"),
+        "squares": partial(_thin, "squares"),
         "signed": _signed,
         "same": _same,
         "parallel": _parallel,
@@ -111,7 +112,7 @@ def _near(pairs: Sequence[Pair], textures: list[Image], *, held: bool) -> Iterat
         views, low, high = _background(textures, (380, 560), (3.0, 19.0), 7 * held + number)
         backgrounds.append((f"made {number}", views, low, high))
 
-    faults = _faults() if held else {"": _unchanged}
+    faults = _faults(held=held)
     shares = (0.007, 0.015, 0.025) if held else _SHARES
     for index, ((name, views, low, high), share, near) in enumerate(
         product(backgrounds, shares, (60, 75) if held else _NEAR)
@@ -121,23 +122,17 @@ def _near(pairs: Sequence[Pair], textures: list[Image], *, held: bool) -> Iterat
         height, width = (round((share * rows * columns * by) ** 0.5) for by in (ratio, 1 / ratio))
         place = (rows - height) * (1 + index % 3) // 4, max(near + 8, columns // 2)
         patch = _cut(textures[(index + 2) % len(textures)], (height, width), index + 50 * held)
-        fault = list(faults)[index % len(faults)]
-        left, right = faults[fault](_pasted(views, patch, place, near))
+        fault, spoiled = faults[index % len(faults)]
+        left, right = spoiled(_pasted(views, patch, place, near))
         what = f"{name}, {share:.1%} at {near} px {fault}".strip()
         yield Construction("near", what, left, right, low, max(high, near), (near,))
 
 
-def _poles(_: Sequence[Pair], textures: list[Image], *, held: bool) -> Iterator[Construction]:
-    yield from _thin("poles", textures, held=held)
-
-
-def _squares(_: Sequence[Pair], textures: list[Image], *, held: bool) -> Iterator[Construction]:
-    yield from _thin("squares", textures, held=held)
-
-
-def _thin(kind: str, textures: list[Image], *, held: bool) -> Iterator[Construction]:
+def _thin(
+    kind: str, _pairs: Sequence[Pair], textures: list[Image], *, held: bool
+) -> Iterator[Construction]:
     """Yield wide and narrow backgrounds with one pole or one square."""
-    faults = _faults() if held else {"": _unchanged}
+    faults = _faults(held=held)
     sizes: tuple[int, ...] = (9, 11, 13) if held else (8, 11, 14)
     if kind == "squares":
         sizes = (26, 34) if held else (24, 32, 40)
@@ -152,8 +147,8 @@ def _thin(kind: str, textures: list[Image], *, held: bool) -> Iterator[Construct
             near + (columns - near) * (2 + index % 3) // 6,
         )
         patch = _cut(textures[(index + 3) % len(textures)], (height, size), index + 90 * held)
-        fault = list(faults)[index % len(faults)]
-        left, right = faults[fault](_pasted(views, patch, place, near))
+        fault, spoiled = faults[index % len(faults)]
+        left, right = spoiled(_pasted(views, patch, place, near))
         what = f"{columns} columns, {size} px wide at {near} px {fault}".strip()
         yield Construction(kind, what, left, right, low, near, (near,))
 
@@ -281,14 +276,12 @@ def _pasted(views: Views, patch: Image, place: tuple[int, int], disparity: int) 
     return left, right
 
 
-def _faults() -> dict[str, Fault]:
-    return {
-        "": _unchanged,
-        "blurred": lambda views: (Degradation(disk_psf(2), noise=1)(views[0]), views[1]),
-        "noise 10": lambda views: (noise(views[0], 3, sigma=10), noise(views[1], 4, sigma=10)),
-        "JPEG 70": lambda views: (jpeg(views[0], 0, quality=70), jpeg(views[1], 0, quality=70)),
-    }
-
-
-def _unchanged(views: Views) -> Views:
-    return views
+def _faults(*, held: bool) -> list[tuple[str, Fault]]:
+    """Return what is done to the views, by name: nothing unless pairs are held out."""
+    known: list[tuple[str, Fault]] = [
+        ("", lambda views: views),
+        ("blurred", lambda views: (Degradation(disk_psf(2), noise=1)(views[0]), views[1])),
+        ("noise 10", lambda views: (noise(views[0], 3, sigma=10), noise(views[1], 4, sigma=10))),
+        ("JPEG 70", lambda views: (jpeg(views[0], 0, quality=70), jpeg(views[1], 0, quality=70))),
+    ]
+    return known if held else known[:1]

@@ -148,10 +148,7 @@ def render_room(
 
 def _nearest(scene: Scenery, camera: Camera) -> float:
     """Find the least depth that the left view sees, on a grid that no image's size changes."""
-    thumbnail = replace(camera, near=1.0, near_disparity=1.0)
-    shrink = THUMBNAIL / max(camera.height, camera.width)
-    height, width = (max(1, round(n * shrink)) for n in (camera.height, camera.width))
-    thumbnail = replace(thumbnail, height=height, width=width)
+    thumbnail = replace(camera.shrunk(THUMBNAIL), near=1.0, near_disparity=1.0)
     return 1 / float(disparities(scene.shapes, thumbnail, LEFT).max())
 
 
@@ -191,14 +188,6 @@ def _taken(
 
 def _calibration(camera: Camera, num_disparities: int) -> Calibration:
     """Take the world unit for a meter: the baseline is in mm, as in Middlebury's files."""
-    cx, cy = (camera.width - 1) / 2, (camera.height - 1) / 2
-    intrinsics = ((camera.focal, 0.0, cx), (0.0, camera.focal, cy), (0.0, 0.0, 1.0))
-    return Calibration(
-        cam0=intrinsics,
-        cam1=intrinsics,
-        doffs=0.0,
-        baseline=1000 * camera.focal_baseline / camera.focal,
-        width=camera.width,
-        height=camera.height,
-        ndisp=num_disparities,
-    )
+    baseline = 1000 * camera.focal_baseline / camera.focal
+    known = Calibration.from_focal(camera.focal, baseline, width=camera.width, height=camera.height)
+    return replace(known, ndisp=num_disparities)

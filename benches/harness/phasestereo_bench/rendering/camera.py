@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -65,6 +65,12 @@ class Camera:
     def focal_baseline(self) -> float:
         """Disparity times depth, which is focal length times baseline."""
         return self.near_disparity * self.near
+
+    def shrunk(self, longest: int) -> Camera:
+        """Return the same cameras with images whose longer side has this many pixels."""
+        shrink = longest / max(self.height, self.width)
+        height, width = (max(1, round(n * shrink)) for n in (self.height, self.width))
+        return replace(self, height=height, width=width)
 
     def rays(self, x: Array, y: Array, side: int) -> Rays:
         """Rays through columns x and rows y (px, pixel centers being whole) of a view."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -115,11 +115,9 @@ def photograph(
 
 def exposure_of(scene: Scenery, camera: Camera, *, gray: float = MIDDLE_GRAY) -> float:
     """Find the exposure that makes the median of the left view a gray, from a thumbnail."""
-    shrink = 96 / max(camera.height, camera.width)
-    height, width = (max(1, round(n * shrink)) for n in (camera.height, camera.width))
-    thumbnail = replace(camera, height=height, width=width)
-
-    x, y = np.arange(width, dtype=np.float32)[None], np.arange(height, dtype=np.float32)[:, None]
+    thumbnail = camera.shrunk(96)
+    x = np.arange(thumbnail.width, dtype=np.float32)[None]
+    y = np.arange(thumbnail.height, dtype=np.float32)[:, None]
     bounds = windows(scene.shapes, thumbnail, LEFT)
     light = _radiance(scene, thumbnail, thumbnail.rays(x, y, LEFT), bounds, 0)
 

@@ -50,6 +50,13 @@ class Spot(NamedTuple):
     height: float
 
 
+def printed(patch: Patch, texture: Texture, *, thin: bool = False) -> Surface:
+    """Fit one tile of a texture to a flat piece, whole along its longer side."""
+    size = 2 * max(patch.half_width, patch.half_height)
+    fitted = Texture(texture.levels, size / texture.levels[0].shape[0], texture.relief)
+    return Surface(patch, fitted, (patch.half_width, patch.half_height), thin)
+
+
 class Workshop:
     """Builds things out of textures made once; every choice comes from one generator."""
 
@@ -154,14 +161,12 @@ class Workshop:
         *,
         floor: float = 0.0,
         yaw: float | None = None,
-        cover: Cover | None = None,
+        cover: Cover = printed,
     ) -> Iterator[Surface]:
         """Four sides and a lid, turned by up to 35 degrees if no angle is given."""
         width, height, depth = size
         if yaw is None:
             yaw = float(self.rng.uniform(-0.6, 0.6))
-        if cover is None:
-            cover = printed
 
         for k in range(4):
             turn = yaw + k * math.pi / 2
@@ -213,10 +218,3 @@ def beside(spot: Spot, k: int, distance: float) -> tuple[float, float]:
     """Find the k-th place around a spot, the 0-th being the spot itself: x and z."""
     distance *= k > 0
     return spot.x + distance * math.cos(GOLDEN * k), spot.z + distance * math.sin(GOLDEN * k)
-
-
-def printed(patch: Patch, texture: Texture, *, thin: bool = False) -> Surface:
-    """Fit one tile of a texture to a flat piece, whole along its longer side."""
-    size = 2 * max(patch.half_width, patch.half_height)
-    fitted = Texture(texture.levels, size / texture.levels[0].shape[0], texture.relief)
-    return Surface(patch, fitted, (patch.half_width, patch.half_height), thin)

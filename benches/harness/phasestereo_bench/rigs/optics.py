@@ -6,12 +6,13 @@ pixel's center being (0, 0).
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
 from phasestereo_bench.arrays import Image, Plane
-from phasestereo_bench.degradation import convolve, disk_psf, motion_psf, quantize
+from phasestereo_bench.degradation import convolve, disk_psf, quantize
 from phasestereo_bench.rigs.sensor import noise
 
 BLURRED_NOISE = 1.0  # gray levels of noise after a blur, as in the suite "one-sided-blur"
@@ -25,21 +26,6 @@ def blurred(image: Image, seed: int, *, psf: Plane) -> Image:
     return noise(quantize(convolve(image, psf), np.uint8), seed, sigma=BLURRED_NOISE)
 
 
-def disk(image: Image, seed: int, *, radius: float) -> Image:
-    """Defocus by a disk, as `blurred`."""
-    return blurred(image, seed, psf=disk_psf(radius))
-
-
-def motion(image: Image, seed: int, *, length: float, angle: float = 0.0) -> Image:
-    """Shake along a straight path, as `blurred`."""
-    return blurred(image, seed, psf=motion_psf(length, angle))
-
-
-def annulus(image: Image, seed: int, *, outer: float, inner: float) -> Image:
-    """Defocus by a ring, as `blurred`."""
-    return blurred(image, seed, psf=disk_psf(outer, inner))
-
-
 def vignette(image: Image, _seed: int) -> Image:
     """Darken towards the corners: by 1 - 0.7 r^2, r being 1 there and 0 in the middle."""
     rows, cols = image.shape[:2]
@@ -50,48 +36,52 @@ def vignette(image: Image, _seed: int) -> Image:
 
 def dirt(image: Image, seed: int) -> Image:
     """Put 12 dark spots of about 14 px on the lens, each of another gray."""
-    rng = np.random.default_rng(seed)
-    spoiled = image.astype(np.float64)
-
-    for distance in _spots(image.shape, rng, count=12, radius=14.0):
-        cover = _like(np.clip(1.5 - distance, 0, 1), image)
-        spoiled += cover * (DIRT + rng.uniform(-15, 15) - spoiled)
-
-    return quantize(spoiled, np.uint8)
+    return _spotted(
+        image, seed, _drop, lambda rng: DIRT + rng.uniform(-15, 15), count=12, radius=14.0
+    )
 
 
 def rain(image: Image, seed: int) -> Image:
     """Put 40 drops of about 18 px on the lens, each of which shows the scene out of focus."""
-    rng = np.random.default_rng(seed)
-    spoiled = image.astype(np.float64)
     behind = convolve(image, disk_psf(DROP_BLUR))
-
-    for distance in _spots(image.shape, rng, count=40, radius=18.0):
-        spoiled += _like(np.clip(1.5 - distance, 0, 1), image) * (behind - spoiled)
-
-    return quantize(spoiled, np.uint8)
+    return _spotted(image, seed, _drop, lambda _: behind, count=40, radius=18.0)
 
 
 def haze(image: Image, seed: int) -> Image:
     """Lay three bright clouds of about 120 px over the image, as of stray light or breath."""
+    return _spotted(
+        image,
+        seed,
+        lambda away: 0.75 * np.exp(-(away**2)),
+        lambda _: HAZE,
+        count=3,
+        radius=120.0,
+    )
+
+
+def _drop(away: Plane) -> Plane:
+    return np.clip(1.5 - away, 0, 1)
+
+
+def _spotted(
+    image: Image,
+    seed: int,
+    cover: Callable[[Plane], Plane],
+    color: Callable[[np.random.Generator], Any],
+    *,
+    count: int,
+    radius: float,
+) -> Image:
+    """Cover an image by spots of a color, each by how far away its center is, in its radii."""
     rng = np.random.default_rng(seed)
     spoiled = image.astype(np.float64)
-
-    for distance in _spots(image.shape, rng, count=3, radius=120.0):
-        spoiled += _like(0.75 * np.exp(-(distance**2)), image) * (HAZE - spoiled)
-
-    return quantize(spoiled, np.uint8)
-
-
-def _spots(
-    shape: tuple[int, ...], rng: np.random.Generator, *, count: int, radius: float
-) -> Iterator[Plane]:
-    """Yield for each spot how far every pixel is from its center, in radii of its own."""
-    rows, cols = shape[:2]
+    rows, cols = image.shape[:2]
     y, x = np.mgrid[0:rows, 0:cols]
     for _ in range(count):
         center_x, center_y = rng.uniform(0, cols), rng.uniform(0, rows)
-        yield np.hypot(x - center_x, y - center_y) / (radius * rng.uniform(0.6, 1.4))
+        away = np.hypot(x - center_x, y - center_y) / (radius * rng.uniform(0.6, 1.4))
+        spoiled += _like(cover(away), image) * (color(rng) - spoiled)
+    return quantize(spoiled, np.uint8)
 
 
 def _like(plane: Plane, image: Image) -> Plane:

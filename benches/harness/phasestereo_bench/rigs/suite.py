@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from functools import partial
 from types import MappingProxyType
 
+from phasestereo_bench.degradation import disk_psf, motion_psf
 from phasestereo_bench.rigs import capture, optics, sensor
 from phasestereo_bench.rigs.corruptions import CORRUPTIONS
 from phasestereo_bench.rigs.depth import DepthOfField, Pasted, Raised, Redrawn
@@ -52,14 +53,19 @@ _CODING: dict[str, tuple[Step, ...]] = {
 }
 
 _FOCUS: dict[str, tuple[Step, ...]] = {
-    "both disk 3": (Both(partial(optics.disk, radius=3)),),
-    "disk 5 and 3": (Both(partial(optics.disk, radius=5), partial(optics.disk, radius=3)),),
-    "motion 15 across": (
-        Both(partial(optics.motion, length=15), partial(optics.motion, length=15, angle=90)),
+    "both disk 3": (Both(partial(optics.blurred, psf=disk_psf(3))),),
+    "disk 5 and 3": (
+        Both(partial(optics.blurred, psf=disk_psf(5)), partial(optics.blurred, psf=disk_psf(3))),
     ),
-    "motion 30": (One(partial(optics.motion, length=30)),),
-    "annulus 6 3": (One(partial(optics.annulus, outer=6, inner=3)),),
-    "annulus 6 4.5": (One(partial(optics.annulus, outer=6, inner=4.5)),),
+    "motion 15 across": (
+        Both(
+            partial(optics.blurred, psf=motion_psf(15)),
+            partial(optics.blurred, psf=motion_psf(15, 90)),
+        ),
+    ),
+    "motion 30": (One(partial(optics.blurred, psf=motion_psf(30))),),
+    "annulus 6 3": (One(partial(optics.blurred, psf=disk_psf(6, 3))),),
+    "annulus 6 4.5": (One(partial(optics.blurred, psf=disk_psf(6, 4.5))),),
     "depth 4": (DepthOfField(4),),
     "depth 8 opposite": (DepthOfField(8, opposite=True),),
 }
@@ -76,7 +82,7 @@ _LIGHT: dict[str, tuple[Step, ...]] = {
 _COMPOSITES: dict[str, tuple[Step, ...]] = {
     "webcam": (
         Misaligned(down=1, turn=0.5, margin=_SIDEWAYS),
-        One(partial(optics.disk, radius=2)),
+        One(partial(optics.blurred, psf=disk_psf(2))),
         Both(partial(sensor.noise, sigma=4)),
         Both(partial(sensor.jpeg, quality=70)),
     ),
@@ -93,7 +99,7 @@ _COMPOSITES: dict[str, tuple[Step, ...]] = {
         Both(partial(sensor.hot, share=0.001)),
     ),
     "night": (
-        One(partial(optics.motion, length=7)),
+        One(partial(optics.blurred, psf=motion_psf(7))),
         Both(partial(sensor.scaled, gain=0.4)),
         Both(partial(sensor.photons, white=250)),
         Both(partial(sensor.hot, share=0.001)),
