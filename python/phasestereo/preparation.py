@@ -13,7 +13,7 @@ from phasestereo import _core
 from phasestereo._images import ImageOrPath, Map, Pixels, as_numbers
 from phasestereo._numbers import as_integer
 from phasestereo._opening import opened_valid
-from phasestereo.io.drafts import replacing
+from phasestereo.io.drafts import replace_text
 from phasestereo.io.files import StrPath, named, open_regular, read_bounded
 from phasestereo.known import Known, as_known
 from phasestereo.rig.findings import Finding, warn
@@ -96,8 +96,7 @@ class Restoration:
         OSError
             If the file cannot be written.
         """
-        with replacing(path) as file:
-            file.write(self._core.text.encode())
+        replace_text(path, self._core.text)
 
     @classmethod
     def load(cls, path: StrPath) -> Restoration:

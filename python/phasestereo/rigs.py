@@ -14,7 +14,7 @@ from phasestereo import _core
 from phasestereo._devices import opened
 from phasestereo._images import ImageOrPath
 from phasestereo._numbers import as_integer, as_number, check_type
-from phasestereo.io.drafts import replacing
+from phasestereo.io.drafts import replace_text
 from phasestereo.io.files import StrPath, named, open_regular, read_bounded
 from phasestereo.known import Known
 from phasestereo.matching import Second, match_silently
@@ -303,8 +303,7 @@ class Rig:
         OSError
             If the file cannot be written.
         """
-        with replacing(path) as file:
-            file.write(self._core.text.encode())
+        replace_text(path, self._core.text)
 
     @classmethod
     def load(cls, path: StrPath, **options: Any) -> Rig:

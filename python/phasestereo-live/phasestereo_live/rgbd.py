@@ -20,7 +20,7 @@ from phasestereo._numbers import accept
 from phasestereo.io import Calibration, write_depth, write_image
 from phasestereo.io.colmap import write_colmap
 from phasestereo.io.depth import MILLIMETERS, meters_in
-from phasestereo.io.drafts import replacing
+from phasestereo.io.drafts import replace_text
 from phasestereo.io.files import StrPath
 from phasestereo.views.depths import YAW, Selection, depths_of, ranging
 from phasestereo_live._closing import Closing
@@ -188,8 +188,7 @@ class RgbdWriter(Closing):
         write_depth(path, held, unit="m", depth_scale=scale)
 
     def _write_text(self, name: str, lines: list[str]) -> None:
-        with replacing(self._folder / name) as file:
-            file.write("".join(f"{line}\n" for line in lines).encode())
+        replace_text(self._folder / name, "".join(f"{line}\n" for line in lines))
 
     def _list_tum(self, shots: list[_Shot]) -> None:
         rgb = [f"{shot.time:.6f} rgb/{shot.name}.png" for shot in shots]

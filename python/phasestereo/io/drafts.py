@@ -69,6 +69,18 @@ def replacing(path: StrPath, *, flush: bool = False) -> Iterator[BinaryIO]:
             os.close(lock)
 
 
+def replace_text(path: StrPath, text: str, *, errors: str = "strict") -> None:
+    """Write a file of UTF-8 as `replacing` does; errors as those of `str.encode`.
+
+    Raises
+    ------
+    OSError
+        As `replacing`.
+    """
+    with replacing(path) as file:
+        file.write(text.encode("utf-8", errors))
+
+
 def draft_of(path: StrPath, suffixes: Sequence[str], what: str) -> tuple[Path, Path]:
     """Return the file that a path names, and the draft of a recording beside it, not made yet.
 

@@ -9,7 +9,7 @@ from typing import Literal, TypeAlias, get_args
 import numpy as np
 
 from phasestereo._numbers import accept
-from phasestereo.io.drafts import replacing
+from phasestereo.io.drafts import replace_text
 from phasestereo.io.files import StrPath
 from phasestereo.io.rigs.cameras import Matrix
 
@@ -57,8 +57,7 @@ def written(
 
 
 def _write(path: StrPath, lines: list[str]) -> None:
-    with replacing(path) as file:
-        file.write(("\n".join(lines) + "\n").encode())
+    replace_text(path, "\n".join(lines) + "\n")
 
 
 def _numbers(matrix: Matrix) -> str:

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from phasestereo.io.drafts import replacing
+from phasestereo.io.drafts import replace_text
 from phasestereo.metrics import roc_area
 from phasestereo.result import Flag
 from phasestereo_bench.confidence.claims import TRUTH, unpacked
@@ -203,8 +203,7 @@ def write_weights(weights: Weights, path: Path) -> None:
     )
     ahead = _odds(weights.ahead, 4)
     text = _FILE.format(places=_rows(weights.places, 8), cases=cases, ahead=ahead)
-    with replacing(path) as file:
-        file.write(text.encode())
+    replace_text(path, text)
 
 
 _FILE = """//! Learned by `phasestereo bench confidence --of maps`, which writes this file.

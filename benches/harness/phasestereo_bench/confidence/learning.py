@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from phasestereo.io.drafts import replacing
+from phasestereo.io.drafts import replace_text
 from phasestereo_bench.confidence.observation import ERRORS, ODDS, PRESETS
 from phasestereo_bench.confidence.regression import (
     FIRST_KNOT,
@@ -265,8 +265,7 @@ def write_weights(weights: Sequence[Weights], path: Path) -> None:
         for one in weights
     ]
     text = _FILE.format(weights="".join(several))
-    with replacing(path) as file:
-        file.write(text.encode())
+    replace_text(path, text)
 
 
 def _listed(numbers: Numbers) -> str:

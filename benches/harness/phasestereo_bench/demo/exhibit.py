@@ -11,7 +11,7 @@ import numpy as np
 
 from phasestereo import __version__
 from phasestereo.io import write_disparity, write_image
-from phasestereo.io.drafts import replacing
+from phasestereo.io.drafts import replace_text
 from phasestereo.settings import PRESETS
 from phasestereo.views.picture import Picture, colorize, disparity_picture, error_picture
 from phasestereo.views.templating import render_page
@@ -62,8 +62,7 @@ def write_demo(demo: Demo, folder: str | os.PathLike[str]) -> list[Path]:
     save_plot(_overview(demo), written[-1])
 
     written.append(target / "report.html")
-    with replacing(written[-1]) as file:
-        file.write(_page(demo, target).encode())
+    replace_text(written[-1], _page(demo, target))
     return written
 
 

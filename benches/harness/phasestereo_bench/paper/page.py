@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from phasestereo.io.drafts import replacing
+from phasestereo.io.drafts import replace_text
 from phasestereo_bench.paper.claims import (
     CLAIMS,
     SETUPS,
@@ -69,8 +69,9 @@ def write_study(study: Study, store: Path, folder: Path) -> list[Path]:
     """
     files = _draw_figures(study.readings, folder)
     environments = [line for line in read_store(store) if line.get("kind") == "environment"]
-    text = _page(study, environments)
-    return [*files, _write(folder / "paper.md", text)]
+    page = folder / "paper.md"
+    replace_text(page, _page(study, environments))
+    return [*files, page]
 
 
 def _page(study: Study, environments: Sequence[Mapping[str, Any]]) -> str:
@@ -94,12 +95,6 @@ def _page(study: Study, environments: Sequence[Mapping[str, Any]]) -> str:
     parts += [f"![Figure {n}, {p}](figure{n}_{p}.svg)" for n in (2, 3) for p in PROTOCOLS]
 
     return "\n\n".join([*parts, made_with(environments)]) + "\n"
-
-
-def _write(path: Path, text: str) -> Path:
-    with replacing(path) as file:
-        file.write(text.encode())
-    return path
 
 
 def _draw_figures(readings: Sequence[Reading], folder: Path) -> list[Path]:

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from phasestereo.io.drafts import replacing
+from phasestereo.io.drafts import replace_text
 from phasestereo_bench.report.results import Results
 from phasestereo_bench.surfaces.results import shares_by_kind
 from phasestereo_bench.tables.headline import headline_values
@@ -75,8 +75,7 @@ def export(folder: Path, path: Path) -> None:
         "suites": _merged(earlier.get("suites", {}), {n: _suite(one) for n, one in suites.items()}),
     }
 
-    with replacing(path) as file:
-        file.write(_readable(content).encode())
+    replace_text(path, _readable(content))
 
 
 def _merged(earlier: Mapping[str, Any], suites: Mapping[str, Any]) -> dict[str, Any]:

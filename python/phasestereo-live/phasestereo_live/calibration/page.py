@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from phasestereo.io.drafts import replacing
+from phasestereo.io.drafts import replace_text
 from phasestereo.io.files import StrPath
 from phasestereo.views.templating import check_page_path, render_page
 from phasestereo_live.calibration import StereoCalibration
@@ -85,9 +85,8 @@ def write_calibration_page(
         ],
         plot=_plot(calibration),
     )
-    with replacing(path) as file:
-        # Names of files that are not UTF-8 are shown as the terminal shows them.
-        file.write(page.encode("utf-8", "backslashreplace"))
+    # Names of files that are not UTF-8 are shown as the terminal shows them.
+    replace_text(path, page, errors="backslashreplace")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

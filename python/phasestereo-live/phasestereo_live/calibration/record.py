@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from phasestereo._extras import require
 from phasestereo._numbers import as_number
-from phasestereo.io.drafts import replacing
+from phasestereo.io.drafts import replace_text
 from phasestereo.io.files import StrPath, suffix
 from phasestereo.io.rigs.cameras import Matrix
 from phasestereo_live.calibration.solving import (
@@ -293,10 +293,7 @@ class StereoCalibration:
         said |= {"reprojection_error": self.error, "row_error": self.rows}
         for name, value in (self.matrices | said).items():
             storage.write(name, value)
-        text = storage.releaseAndGetString()
-
-        with replacing(path) as file:
-            file.write(text.encode())
+        replace_text(path, storage.releaseAndGetString())
 
     def __repr__(self) -> str:
         """Show the size and how well it fits: arrays would say nothing."""

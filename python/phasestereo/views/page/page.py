@@ -21,7 +21,7 @@ from phasestereo._images import (
 )
 from phasestereo._numbers import check_type
 from phasestereo.io import Calibration
-from phasestereo.io.drafts import replacing
+from phasestereo.io.drafts import replace_text
 from phasestereo.io.files import StrPath
 from phasestereo.metrics.scores import score as score_map
 from phasestereo.result import Keep, Result
@@ -132,9 +132,8 @@ def write_pair_page(
     search = None if num_disparities is None else (min_disparity, num_disparities)
     context = _context(shown, scene, search) | {"keep": selection.keep}
     page = render_page("pair.html.j2", title=str(title), **context)
-    with replacing(path) as file:
-        # Names of files that are not UTF-8 are shown as the terminal shows them.
-        file.write(page.encode("utf-8", "backslashreplace"))
+    # Names of files that are not UTF-8 are shown as the terminal shows them.
+    replace_text(path, page, errors="backslashreplace")
 
 
 def require_page() -> None:
