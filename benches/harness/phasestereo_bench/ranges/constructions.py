@@ -277,7 +277,7 @@ def _pasted(views: Views, patch: Image, place: tuple[int, int], disparity: int) 
 
 
 def _faults(*, held: bool) -> list[tuple[str, Fault]]:
-    """Return what is done to the views, by name: nothing unless pairs are held out."""
+    """Return the faults by name: none is done to the views unless pairs are held out."""
     known: list[tuple[str, Fault]] = [
         ("", lambda views: views),
         ("blurred", lambda views: (Degradation(disk_psf(2), noise=1)(views[0]), views[1])),
