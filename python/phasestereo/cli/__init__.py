@@ -6,12 +6,13 @@ traceback. Importing this package needs the extra ``cli``; `phasestereo.__main__
 is missing.
 """
 
-from __future__ import annotations
+# No `from __future__ import annotations`: the command line is made of these annotations.
 
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from importlib.metadata import entry_points
+from typing import Annotated
 
 from cyclopts import App, CycloptsError, Parameter, UnusedCliTokensError
 
@@ -19,7 +20,6 @@ import phasestereo
 from phasestereo.cli import match
 from phasestereo.cli.errors import WRONG_USAGE, CommandError
 from phasestereo.cli.help import EXPERT, Help
-from phasestereo.cli.missing import missing
 from phasestereo.cli.terminal import print_lines, say
 
 __all__ = ["app", "run"]
@@ -121,6 +121,17 @@ for _name, (_place, _text) in OURS.items():
     app.command(_place, name=_name, help=_text)
 
 
+def _missing(requirement: str) -> Callable[..., None]:
+    """Return a command that refuses, whatever follows it, and says what pip is to install."""
+
+    def refuse(*_: Annotated[str, Parameter(allow_leading_hyphen=True, show=False)]) -> None:
+        raise CommandError(
+            f"this command is not installed; it comes with: pip install {requirement}"
+        )
+
+    return refuse
+
+
 def _add_commands_of_others() -> None:
     """Add what other distributions declare as entry points, and what ours would if installed."""
     found = {point.name: point.value for point in entry_points(group=COMMANDS)}
@@ -130,7 +141,7 @@ def _add_commands_of_others() -> None:
             app.command(found[name], name=name, help=text)
         else:
             note = f"{text}\n\nNot installed; it comes with: pip install {requirement}"
-            app.command(missing(requirement), name=name, help=note)
+            app.command(_missing(requirement), name=name, help=note)
 
 
 _add_commands_of_others()

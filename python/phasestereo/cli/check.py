@@ -11,10 +11,9 @@ from cyclopts import Parameter
 from numpy.typing import NDArray
 
 import phasestereo
-from phasestereo.cli.errors import claim, refusals
+from phasestereo.cli.errors import claim, refusals, refuse_warnings
 from phasestereo.cli.pairing import read_both
 from phasestereo.cli.terminal import print_json, print_lines
-from phasestereo.cli.trust import refuse_warnings
 from phasestereo.io import read_image, write_image
 from phasestereo.io.pair import Layout
 from phasestereo.rig.blur import Blur, BlurEstimate

@@ -1,4 +1,4 @@
-"""What a user can get wrong, as distinguished from what a programmer can."""
+"""What a user can get wrong, as distinguished from what a programmer can; reports that refuse."""
 
 from __future__ import annotations
 
@@ -8,8 +8,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from types import MappingProxyType
 
+from phasestereo.cli.terminal import say
 from phasestereo.io.files import describe_error
 from phasestereo.io.image import is_picture
+from phasestereo.rig.findings import Finding, untrusted
 
 RUN_FAILED = 1
 WRONG_USAGE = 2
@@ -118,3 +120,35 @@ def _is_same(path: Path, other: Path) -> bool:
     if path.exists() and other.exists():
         return path.samefile(other)
     return os.path.realpath(path) == os.path.realpath(other)
+
+
+def show_findings(found: Iterable[Finding]) -> None:
+    """Print a line for each on standard error."""
+    for one in found:
+        say(f"{one.severity}: {one.sentence}")
+
+
+def refuse_warnings(found: Iterable[Finding]) -> None:
+    """End with the exit code of what is not to be trusted, and with the first warning, if any.
+
+    Raises
+    ------
+    CommandError
+        If there is one.
+    """
+    for one in found:
+        if one.severity == "warning":
+            raise CommandError(one.sentence, UNTRUSTED)
+
+
+def refuse_untrusted(found: Iterable[Finding]) -> None:
+    """End with the exit code of what is not to be trusted, if anything says so.
+
+    Raises
+    ------
+    CommandError
+        If so.
+    """
+    grave = untrusted(found)
+    if grave:
+        raise CommandError("not to be trusted, for what the warnings say", UNTRUSTED)

@@ -8,7 +8,7 @@ from typing import Annotated
 
 from cyclopts import Group, Parameter
 
-from phasestereo.cli.errors import refusals, wrong
+from phasestereo.cli.errors import refusals, refuse_untrusted, show_findings, wrong
 from phasestereo.cli.geometry import GeometryOptions
 from phasestereo.cli.options import (
     AT_LEAST_ONE,
@@ -23,10 +23,9 @@ from phasestereo.cli.outcome import Outcome, rehearsal
 from phasestereo.cli.outputs import Outputs
 from phasestereo.cli.pairing import OPTIONS, Pairing, names_of, read_both
 from phasestereo.cli.scoring import Scoring
-from phasestereo.cli.summary import MatchSummary, show
+from phasestereo.cli.summary import show
 from phasestereo.cli.terminal import progress_bar
-from phasestereo.cli.trust import refuse_untrusted, show_findings
-from phasestereo.io.mask import read_mask
+from phasestereo.io.image import read_mask
 from phasestereo.known import Known
 from phasestereo.matching import match as match_pair
 from phasestereo.rig.findings import unwarned
@@ -180,6 +179,6 @@ def match(
         outcome = Outcome(images, result, disparities, truth, score, rig, place, names, rectified)
         written = outputs.write(outcome)
 
-    show(MatchSummary(outcome, written), as_json=outputs.json)
+    show(outcome, written, as_json=outputs.json)
     if strict:
         refuse_untrusted(result.findings)

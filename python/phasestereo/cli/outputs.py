@@ -117,9 +117,12 @@ class Outputs:
         return {name: str(path) for name, path, _ in self._files()}
 
     def _files(self) -> list[tuple[str, Path, Writer]]:
-        files = [
+        files: list[tuple[str, Path | None, Writer]] = [
             ("output", self.output, _write_output),
-            *self._layers(),
+            *(
+                (f"{of}_output", getattr(self, f"{of}_output"), partial(_write_layer, layer=of))
+                for of in LAYERS
+            ),
             ("color", self.color, _write_color),
             ("ply", self.ply, lambda to, it: write_ply(to, _rig(it).points(it.result, it.pair[0]))),
             (
@@ -131,17 +134,6 @@ class Outputs:
             ("report", self.report, _write_report),
         ]
         return [(name, path, write) for name, path, write in files if path]
-
-    def layers(self) -> dict[str, Path]:
-        """Return the files for layers of the result beside the disparities, by option."""
-        found = {f"{layer}_output": getattr(self, f"{layer}_output") for layer in LAYERS}
-        return {name: path for name, path in found.items() if path}
-
-    def _layers(self) -> list[tuple[str, Path, Writer]]:
-        return [
-            (name, path, partial(_write_layer, layer=name.removesuffix("_output")))
-            for name, path in self.layers().items()
-        ]
 
 
 def _write_output(path: Path, outcome: Outcome) -> None:

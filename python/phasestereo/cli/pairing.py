@@ -2,7 +2,6 @@
 
 # No `from __future__ import annotations`: the command line is made of these annotations.
 
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -125,5 +124,6 @@ def read_both(
 
 def names_of(left: Path, right: Path | None) -> tuple[str, str]:
     """Return the names of the views."""
-    name = os.fspath(left.name)
-    return (name, right.name) if right is not None else (f"{name} (left)", f"{name} (right)")
+    if right is not None:
+        return left.name, right.name
+    return f"{left.name} (left)", f"{left.name} (right)"

@@ -10,9 +10,8 @@ import numpy as np
 from cyclopts import Parameter
 
 import phasestereo
-from phasestereo.cli.errors import WRONG_USAGE, CommandError, claim, refusals
+from phasestereo.cli.errors import WRONG_USAGE, CommandError, claim, refusals, show_findings
 from phasestereo.cli.terminal import print_json, print_lines
-from phasestereo.cli.trust import show_findings
 from phasestereo.io import read_disparity, write_disparity, write_image
 from phasestereo.preparation import Restoration, Unit, prepare as prepare_pair
 from phasestereo.rig.findings import untrusted, unwarned

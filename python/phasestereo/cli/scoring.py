@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from phasestereo._images import Map
 from phasestereo.cli.errors import option, wrong
 from phasestereo.io import read_disparity, read_truth
-from phasestereo.io.mask import read_mask
+from phasestereo.io.image import read_mask
 from phasestereo.metrics import Score, bad_pixels, score
 
 _FLOATS = {".pfm", ".npy"}  # never gray-coded

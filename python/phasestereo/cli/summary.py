@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -17,101 +17,74 @@ from phasestereo.cli.outcome import Outcome
 from phasestereo.cli.terminal import print_json, print_lines
 from phasestereo.metrics import Score
 from phasestereo.metrics.scores import unit_of
-from phasestereo.result import Result, count_flags, describe_flags
+from phasestereo.result import Keep, Result, count_flags, describe_flags
 from phasestereo.views.depths import Ranging
 
 _BASELINES = 0.001, 20.0  # meters, of cameras on one mount
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class MatchSummary:
-    """An outcome, and what has become of it.
+def show(outcome: Outcome, files: Mapping[str, str], *, as_json: bool) -> None:
+    """Print on standard output what has come out, and the files written, by option."""
+    if as_json:
+        print_json(_as_dict(outcome, files))
+        return
 
-    Parameters
-    ----------
-    outcome
-        The outcome.
-    files
-        The files written, by option.
-    """
+    print_lines(_lines(outcome, files))
+    if outcome.score is not None:
+        Console(highlight=False, soft_wrap=True).print(_table(outcome.score))
 
-    outcome: Outcome
-    files: Mapping[str, str]
 
-    def as_dict(self) -> dict[str, Any]:
-        """Return everything as JSON has it; numbers that JSON does not have are None."""
-        result, disparities = self.outcome.result, self.outcome.disparities
-        rows, cols = result.disparity.shape
-        summary = {
-            "version": phasestereo.__version__,
-            "width": cols,
-            "height": rows,
-            "min_disparity": disparities[0],
-            "num_disparities": disparities[1],
-            "settings": asdict(result.settings),
-            "timings": dict(result.timings),
-            "search": None if result.search is None else asdict(result.search),
-            "alignment": _alignment(result),
-            "findings": [asdict(found) for found in result.findings],
-            "blurs": None if result.blur is None else result.blur.as_dicts(),
-            "estimated": self.estimated,
-            "trusted": self.trusted,
-            "wrong": None if result.summary is None else result.summary.wrong,
-            "flags": self.flags,
-            "files": dict(self.files),
+def _as_dict(outcome: Outcome, files: Mapping[str, str]) -> dict[str, Any]:
+    """Return everything as JSON has it; numbers that JSON does not have are None."""
+    result, disparities = outcome.result, outcome.disparities
+    rows, cols = result.disparity.shape
+    counts = count_flags(result.flags)
+    summary = {
+        "version": phasestereo.__version__,
+        "width": cols,
+        "height": rows,
+        "min_disparity": disparities[0],
+        "num_disparities": disparities[1],
+        "settings": asdict(result.settings),
+        "timings": dict(result.timings),
+        "search": None if result.search is None else asdict(result.search),
+        "alignment": _alignment(result),
+        "findings": [asdict(found) for found in result.findings],
+        "blurs": None if result.blur is None else result.blur.as_dicts(),
+        "estimated": np.isfinite(result.disparity).mean(),
+        "trusted": result.trusted.mean(),
+        "wrong": None if result.summary is None else result.summary.wrong,
+        "flags": {str(flag.name).lower(): count for flag, count in counts.items()},
+        "files": dict(files),
+    }
+
+    if outcome.rig is not None:
+        geometry = outcome.rig.ranging(result)
+        summary["geometry"] = {
+            "yaw": geometry.yaw,
+            "yaw_share": geometry.share[0],
+            "moved": geometry.moved,
+            "kept": _kept(result, outcome.rig.selection.keep),
+            "focal": geometry.calibration.focal,
+            "baseline": geometry.calibration.baseline,
+            "unit": geometry.calibration.unit,
         }
+    if outcome.rectified is not None:
+        summary["rectification"] = outcome.rectified.as_dict()
+    if outcome.score is not None:
+        summary["metrics"] = outcome.score.as_dict()
+    return plain(summary)
 
-        if (geometry := self.geometry) is not None:
-            summary["geometry"] = {
-                "yaw": geometry.yaw,
-                "yaw_share": geometry.share[0],
-                "moved": geometry.moved,
-                "kept": self.kept,
-                "focal": geometry.calibration.focal,
-                "baseline": geometry.calibration.baseline,
-                "unit": geometry.calibration.unit,
-            }
-        if self.outcome.rectified is not None:
-            summary["rectification"] = self.outcome.rectified.as_dict()
-        if self.outcome.score is not None:
-            summary["metrics"] = self.outcome.score.as_dict()
-        return plain(summary)
 
-    @property
-    def estimated(self) -> float:
-        """Share of the pixels with an estimate, 0 to 1."""
-        return float(np.isfinite(self.outcome.result.disparity).mean())
+def _kept(result: Result, keep: Keep) -> dict[str, Any]:
+    """Return the kind of pixels that become depths, their share, and how many of them are wrong.
 
-    @property
-    def trusted(self) -> float:
-        """Share of the pixels whose estimate is trusted, 0 to 1."""
-        return float(self.outcome.result.trusted.mean())
-
-    @property
-    def geometry(self) -> Ranging | None:
-        """What made depths of the disparities; None: nothing did."""
-        rig = self.outcome.rig
-        return None if rig is None else rig.ranging(self.outcome.result)
-
-    @property
-    def kept(self) -> dict[str, Any] | None:
-        """Which pixels become depths, their share of all, and the estimated share of wrong ones.
-
-        None without a geometry. ``wrong`` is NaN where there are no confidences.
-        """
-        if self.outcome.rig is None:
-            return None
-        result, keep = self.outcome.result, self.outcome.rig.selection.keep
-        pixels = result.kept(keep)
-        sure = np.empty(0) if result.confidence is None else result.confidence[pixels]
-        wrong = 1 - float(sure.mean()) if sure.size else math.nan
-        return {"keep": keep, "share": float(pixels.mean()), "wrong": wrong}
-
-    @property
-    def flags(self) -> dict[str, int]:
-        """Number of pixels under each flag, by its name."""
-        counts = count_flags(self.outcome.result.flags)
-        return {str(flag.name).lower(): count for flag, count in counts.items()}
+    The latter is NaN where there are no confidences.
+    """
+    pixels = result.kept(keep)
+    sure = np.empty(0) if result.confidence is None else result.confidence[pixels]
+    wrong = 1 - float(sure.mean()) if sure.size else math.nan
+    return {"keep": keep, "share": float(pixels.mean()), "wrong": wrong}
 
 
 def _alignment(result: Result) -> dict[str, Any] | None:
@@ -121,31 +94,20 @@ def _alignment(result: Result) -> dict[str, Any] | None:
     return {name: getattr(result.alignment, name) for name in names}
 
 
-def show(summary: MatchSummary, *, as_json: bool) -> None:
-    """Print a summary on standard output."""
-    if as_json:
-        print_json(summary.as_dict())
-        return
-
-    print_lines(_lines(summary))
-    if summary.outcome.score is not None:
-        Console(highlight=False, soft_wrap=True).print(_table(summary.outcome.score))
-
-
-def _lines(summary: MatchSummary) -> list[str]:
-    result = summary.outcome.result
+def _lines(outcome: Outcome, files: Mapping[str, str]) -> list[str]:
+    result, rig = outcome.result, outcome.rig
     rows, cols = result.disparity.shape
     seconds = sum(result.timings.values())
 
     return [
         *([result.verdict] if result.verdict else []),
-        f"{cols} x {rows} pixels, disparities {_range(summary)}, {seconds:.3f} s",
-        f"trusted {summary.trusted:.1%}, flagged: {describe_flags(result.flags)}",
-        *(() if (rectified := summary.outcome.rectified) is None else rectified.sentences),
+        f"{cols} x {rows} pixels, disparities {_range(outcome)}, {seconds:.3f} s",
+        f"trusted {result.trusted.mean():.1%}, flagged: {describe_flags(result.flags)}",
+        *(() if outcome.rectified is None else outcome.rectified.sentences),
         *([] if result.blur is None else [f"blur: {result.blur}"]),
-        *([] if summary.geometry is None else _geometry(summary.geometry)),
-        *([] if summary.kept is None else [_kept(**summary.kept)]),
-        *(f"wrote {path}" for path in summary.files.values()),
+        *([] if rig is None else _geometry(rig.ranging(result))),
+        *([] if rig is None else [_kept_in_words(**_kept(result, rig.selection.keep))]),
+        *(f"wrote {path}" for path in files.values()),
     ]
 
 
@@ -161,16 +123,16 @@ def _geometry(found: Ranging) -> list[str]:
     return [said, str(found)]
 
 
-def _kept(keep: str, share: float, wrong: float) -> str:
+def _kept_in_words(keep: str, share: float, wrong: float) -> str:
     """Say which pixels became depths and points, and how many of them are probably wrong."""
     said = "" if math.isnan(wrong) else f"; about {wrong:.1%} of these are probably wrong"
     others = "" if keep == "all" else ", --keep all for every estimate"
     return f"depths and points: {share:.1%} of the pixels ({keep}{others}){said}"
 
 
-def _range(summary: MatchSummary) -> str:
-    low, count = summary.outcome.disparities
-    search = summary.outcome.result.search
+def _range(outcome: Outcome) -> str:
+    low, count = outcome.disparities
+    search = outcome.result.search
     found = " (found)" if search is not None and search.origin == "found" else ""
     return f"{low} to {low + count - 1}{found}"
 

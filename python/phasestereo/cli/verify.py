@@ -10,9 +10,8 @@ from typing import Annotated, Any
 from cyclopts import Parameter
 
 import phasestereo
-from phasestereo.cli.errors import claim, refusals
+from phasestereo.cli.errors import claim, refusals, refuse_warnings
 from phasestereo.cli.terminal import print_json, print_lines, progress_bar
-from phasestereo.cli.trust import refuse_warnings
 from phasestereo.io import read_disparity, read_image, write_disparity, write_image
 from phasestereo.verification import Verification, verify as verify_map
 

@@ -114,6 +114,23 @@ def is_picture(path: StrPath) -> bool:
         return file.read(8).startswith(RASTER_MAGICS + HEIF_MAGICS)
 
 
+def read_mask(path: StrPath | None, *, level: int = 1) -> NDArray[np.bool_] | None:
+    """Read a mask: True where a channel other than alpha reaches the level; None without a file.
+
+    Raises
+    ------
+    OSError, ValueError
+        As `read_image`; ValueError also if the samples are not integers.
+    """
+    if path is None:
+        return None
+
+    pixels = np.atleast_3d(read_image(path))[:, :, :3]
+    if pixels.dtype.kind != "u":
+        raise ValueError(f"{path}: a mask has 8 or 16-bit samples, this has {pixels.dtype}")
+    return np.any(pixels >= level, axis=2)
+
+
 def as_image(samples: NDArray[Any]) -> Pixels:
     """Check that decoded samples make an image, and give it its type and shape in memory."""
     if samples.shape[2:] == (1,):

@@ -20,7 +20,7 @@ import numpy as np
 from phasestereo import _core
 from phasestereo._images import join_masks
 from phasestereo.io.files import describe_error
-from phasestereo.io.mask import read_mask
+from phasestereo.io.image import read_mask
 from phasestereo.io.results import write_map
 from phasestereo.io.views import read_views
 from phasestereo.matching import match_silently

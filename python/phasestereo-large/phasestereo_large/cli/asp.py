@@ -11,9 +11,8 @@ from cyclopts import Group, Parameter
 from numpy.typing import NDArray
 
 from phasestereo._images import Mask
-from phasestereo.cli.errors import claim, refusals, wrong
+from phasestereo.cli.errors import claim, refusals, show_findings, wrong
 from phasestereo.cli.options import PRESET_HELP, REASONABLE, SETTINGS_HELP, Overrides
-from phasestereo.cli.trust import show_findings
 from phasestereo.matching import match
 from phasestereo.result import Result
 from phasestereo.rig.findings import unwarned

@@ -24,7 +24,7 @@ from phasestereo.cli.pairing import AUTO, as_calibration
 from phasestereo.cli.terminal import say
 from phasestereo.io import Calibration, LengthUnit
 from phasestereo.io.folders import folders_of
-from phasestereo.io.mask import read_mask
+from phasestereo.io.image import read_mask
 from phasestereo.io.pair import Layout
 from phasestereo.io.rigs.reading import read_cameras
 from phasestereo.known import Known
