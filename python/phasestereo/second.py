@@ -37,7 +37,7 @@ def as_second(
         As `phasestereo.matchers.load_matcher`; also for an array that is not a map of the left
         image, and for a wrong timeout.
     """
-    if is_matcher(second):
+    if isinstance(second, str) or callable(second) or hasattr(second, "compute"):
         return as_second_matcher(second, timeout)
     if timeout is not None:
         as_number("timeout", timeout, positive=True)
@@ -46,11 +46,6 @@ def as_second(
             raise ValueError("timeout: got one without a second matcher; accepts None then")
         return None
     return as_claims(as_array(second, "second"), size, "second")
-
-
-def is_matcher(second: object) -> bool:
-    """Return whether it makes maps; else it is one, or nothing."""
-    return isinstance(second, str) or callable(second) or hasattr(second, "compute")
 
 
 def as_second_matcher(second: Any, timeout: float | None) -> SecondMatcher:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from phasestereo._extras import require
 from phasestereo._images import Map, as_numbers, as_pair, on_screens
 from phasestereo.matchers import onnx, opencv
 
@@ -151,7 +152,7 @@ def _named(spec: str, threads: int | None) -> OtherMatcher:
     kind, _, path = spec.partition(":")
     opencvs = {"sgbm": opencv.match_sgbm, "bm": opencv.match_bm}
     if spec in opencvs and not options:
-        opencv.needed()
+        require("cv2", extra="opencv")
         return OtherMatcher(spec, partial(_in_8_bits, opencvs[spec]))
 
     if kind != "onnx" or not path or options.keys() - {"max_disparity", "white"}:

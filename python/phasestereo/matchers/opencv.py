@@ -35,11 +35,6 @@ def _sgbm(block: int) -> dict[str, Any]:
 SGBM, SGBM_3X3 = _sgbm(5), _sgbm(3)
 
 
-def needed() -> None:
-    """Raise ImportError if OpenCV is not installed."""
-    require("cv2", extra="opencv")
-
-
 def create_bm(num_disparities: int) -> Any:
     """Return a StereoBM for a number of disparities, a multiple of 16.
 

@@ -19,6 +19,10 @@ from phasestereo._tables import as_html
 Side = Literal["none", "left", "right"]
 BlurKind = Literal["none", "gaussian", "disk", "motion", "annulus", "other"]
 
+# Of an annulus with a hole of 0.75; of one of half the radius 1.8.
+_DIVISORS = {"gaussian": 1, "disk": 2, "annulus": 1.6, "other": math.sqrt(2), "none": math.inf}
+"""The size of a blur over its standard deviation along an axis."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Blur:
@@ -63,19 +67,9 @@ class Blur:
     @property
     def spread(self) -> float:
         """The standard deviation along an axis, or along the path of a motion, pixels."""
-        match self.kind:
-            case "gaussian":
-                return self.size
-            case "disk":
-                return self.size / 2
-            case "annulus":
-                return self.size / 1.6  # of a hole of 0.75; of one of half the radius 1.8
-            case "motion":
-                return (self.size - 1) / math.sqrt(12)
-            case "other":
-                return self.size / math.sqrt(2)
-            case "none":
-                return 0.0
+        if self.kind == "motion":
+            return (self.size - 1) / math.sqrt(12)
+        return self.size / _DIVISORS[self.kind]
 
     def as_dict(self) -> dict[str, Any]:
         """Return the blur as JSON has it, without arrays."""

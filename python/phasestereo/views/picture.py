@@ -183,7 +183,7 @@ def disparity_picture(
 
     # Sizes in pixels; matplotlib places things by shares of a figure, from the bottom left.
     rows, cols = values.shape
-    text = _text_size(cols)
+    text = max(6, cols // 28)  # the height of a line of which 50 letters span the picture
     margin, beside = 2 * text, 7 * text
     width, height = margin + cols, rows + 2 * margin
 
@@ -385,11 +385,6 @@ def _figure(width: int, height: int) -> Any:
 def _drawn(figure: Any) -> Picture:
     figure.canvas.draw()
     return np.asarray(figure.canvas.buffer_rgba())[:, :, :3].copy()
-
-
-def _text_size(cols: int) -> int:
-    """Return the height of a line in pixels at which 50 letters span a picture of this width."""
-    return max(6, cols // 28)
 
 
 def _points(pixels: int) -> float:

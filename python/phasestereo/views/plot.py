@@ -458,14 +458,10 @@ def overview(result: Result, figure: Figure | None = None) -> Figure:
         axes.set_title(title)
         draw(result, axes)
 
-    if is_new and _shows_open_figures():
+    # In a notebook open figures are shown when a cell ends, beside its value.
+    if is_new and "inline" in require("matplotlib", extra="plot").get_backend().lower():
         require("matplotlib.pyplot", extra="plot").close(figure)
     return figure
-
-
-def _shows_open_figures() -> bool:
-    """Return whether the figures of pyplot are shown when a cell ends, beside its value."""
-    return "inline" in require("matplotlib", extra="plot").get_backend().lower()
 
 
 def _axes(ax: Axes | None) -> Axes:

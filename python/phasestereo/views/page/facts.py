@@ -119,17 +119,16 @@ def _map_uri(blur: BlurEstimate, areas: list[Area], size: tuple[int, int]) -> st
 
 def metric_rows(score: Score) -> list[tuple[str, str]]:
     """Return metrics by name as they are read, NaN as a dash; avgerr and EPE are one number."""
-    rows = []
-    for name, value in score.as_dict().items():
-        if name == "pixels":
-            rows.append(("pixels scored", f"{value:,.0f}"))
-        elif name == "EPE":  # that of the whole range, as avgerr is where nothing is clipped
-            continue
-        else:
-            words = f"{value:.2f} {unit_of(name)}" if math.isfinite(value) else "\N{EN DASH}"
-            rows.append((_NAMES.get(name, name), words))
-
-    return rows
+    numbers = score.as_dict()
+    pixels = numbers.pop("pixels")
+    del numbers["EPE"]  # that of the whole range, as avgerr is where nothing is clipped
+    words = {
+        _NAMES.get(name, name): (
+            f"{value:.2f} {unit_of(name)}" if math.isfinite(value) else "\N{EN DASH}"
+        )
+        for name, value in numbers.items()
+    }
+    return [("pixels scored", f"{pixels:,.0f}"), *words.items()]
 
 
 def setting_rows(settings: Settings) -> list[tuple[str, str]]:
@@ -139,8 +138,7 @@ def setting_rows(settings: Settings) -> list[tuple[str, str]]:
 
 def preset_of(settings: Settings) -> str | None:
     """Return the name of the preset that these settings are, if they are one."""
-    names = [name for name, preset in PRESETS.items() if preset == settings]
-    return names[0] if names else None
+    return next((name for name, preset in PRESETS.items() if preset == settings), None)
 
 
 def timing_rows(timings: Mapping[str, float]) -> list[tuple[str, str, float]]:
@@ -237,22 +235,18 @@ def readout(
     result: Result, truth: Map | None, *, exact: bool, metric: bool, gray: tuple[bool, bool]
 ) -> list[tuple[str, str]]:
     """Return the key and the name of each value that is shown of a pixel."""
+    left, right = ("gray" if one else "RGB" for one in gray)
     rows = [
-        ("pixel", "Pixel"),
-        ("disparity", "Disparity d"),
-        ("match", "Right x = x \N{MINUS SIGN} d"),
+        ("pixel", "Pixel", True),
+        ("disparity", "Disparity d", True),
+        ("match", "Right x = x \N{MINUS SIGN} d", True),
+        ("confidence", "Confidence", result.confidence is not None),
+        ("uncertainty", "Error bar", result.uncertainty is not None),
+        ("flags", "Flags", True),
+        ("truth", "Truth", truth is not None),
+        ("error", "d \N{MINUS SIGN} truth", truth is not None),
+        ("depth", "Depth", metric),
+        ("left", f"Left {left}", exact),
+        ("right", f"Right {right}", exact),
     ]
-    if result.confidence is not None:
-        rows.append(("confidence", "Confidence"))
-    if result.uncertainty is not None:
-        rows.append(("uncertainty", "Error bar"))
-    rows.append(("flags", "Flags"))
-    if truth is not None:
-        rows += [("truth", "Truth"), ("error", "d \N{MINUS SIGN} truth")]
-    if metric:
-        rows.append(("depth", "Depth"))
-    if exact:
-        sides = zip(("left", "right"), gray, strict=True)
-        rows += [(side, f"{side.capitalize()} {'gray' if one else 'RGB'}") for side, one in sides]
-
-    return rows
+    return [(key, name) for key, name, is_shown in rows if is_shown]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
+from itertools import count
 from typing import Any
 
 import numpy as np
@@ -109,7 +110,8 @@ def write_pair_page(
         If the extra ``report`` is not installed.
     """
     check_page_path(path)
-    require_page()
+    for module in ("jinja2", "matplotlib", "PIL"):
+        require(module, extra="report")
 
     pair = as_alike(left, right)
     size = pair[0].shape[:2]
@@ -134,12 +136,6 @@ def write_pair_page(
     page = render_page("pair.html.j2", title=str(title), **context)
     # Names of files that are not UTF-8 are shown as the terminal shows them.
     replace_text(path, page, errors="backslashreplace")
-
-
-def require_page() -> None:
-    """Raise ImportError, naming the extra ``report``, if anything a page needs is missing."""
-    for module in ("jinja2", "matplotlib", "PIL"):
-        require(module, extra="report")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -172,10 +168,9 @@ def _checked(
 
 def _step(size: tuple[int, ...]) -> int:
     """Return the least step at which no more pixels are left than a page shows."""
-    step = 1
-    while -(-size[0] // step) * -(-size[1] // step) > MOST_PIXELS:
-        step += 1
-    return step
+    return next(
+        step for step in count(1) if -(-size[0] // step) * -(-size[1] // step) <= MOST_PIXELS
+    )
 
 
 def _context(shown: _Shown, scene: ScenePoints, search: tuple[int, int] | None) -> dict[str, Any]:
@@ -200,7 +195,7 @@ def _context(shown: _Shown, scene: ScenePoints, search: tuple[int, int] | None) 
     maps = layers.layers_of(result, truth)
     views = layers.views(maps)
     charts = facts.charts(result, truth, scored)
-    gray = _is_gray(shown.pair[0]), _is_gray(shown.pair[1])
+    gray = shown.pair[0].shape[2] == 1, shown.pair[1].shape[2] == 1
     rows, cols = result.disparity.shape
 
     return {
@@ -246,8 +241,3 @@ def _context(shown: _Shown, scene: ScenePoints, search: tuple[int, int] | None) 
             "scene": scene.described(),
         },
     }
-
-
-def _is_gray(image: Pixels) -> bool:
-    channels: int = image.shape[2]
-    return channels == 1
