@@ -11,7 +11,7 @@ from typing import Annotated, Any
 from cyclopts import Parameter, validators
 from numpy.typing import NDArray
 
-from phasestereo.cli.errors import WRONG_USAGE, CommandError, option, refuse_picture, wrong
+from phasestereo.cli.errors import option, refusals, refuse_picture, wrong
 from phasestereo.cli.options import AT_LEAST_ONE, POSITIVE, as_word
 from phasestereo.cli.terminal import say
 from phasestereo.io import Calibration, LengthUnit
@@ -192,10 +192,8 @@ class GeometryOptions:
             raise wrong("unit", f"got {self.unit}; accepts m, which the calibration is read in")
         calibration = replace(calibration, unit=self.unit or calibration.unit)
         if self.anchor is not None:
-            try:
+            with refusals(options={"anchor"}):
                 check_anchor(self.anchor, size)
-            except ValueError as error:
-                raise CommandError(f"--{error}", WRONG_USAGE) from error
 
         yaw = YAW if self.yaw is None else self.yaw
         scale = self.depth_scale or MILLIMETERS
@@ -216,15 +214,13 @@ class GeometryOptions:
         """
         if size is not None and self.decimate is not None and self.decimate > min(size[:2]):
             raise wrong("decimate", f"got {self.decimate}; accepts 1 to {min(size[:2])}")
-        try:
+        with refusals(options={"min_depth"}):
             return Selection(
                 keep=self.keep or "trusted",
                 min_depth=self.min_depth,
                 max_depth=self.max_depth,
                 decimate=self.decimate or 1,
             )
-        except ValueError as error:
-            raise CommandError(f"--{str(error).replace('_', '-', 1)}", WRONG_USAGE) from error
 
     def _calibration(self, height: int, width: int, focal: float | None) -> Calibration | None:
         if self.calib:

@@ -292,16 +292,13 @@ class Cameras:
 
         cv2 = require("cv2", extra="rectify")
         k1, d1, k2, d2, r, t = (self.matrices[name] for name in (*INTRINSICS, *POSE))
+        given = k1, d1, k2, d2, size, r, t
+        share = -1.0 if alpha is None else alpha
+        options = {"flags": cv2.CALIB_ZERO_DISPARITY}
         if self.fisheye:
-            balance = 0.0 if alpha is None else max(alpha, 0.0)
-            found = cv2.fisheye.stereoRectify(
-                k1, d1, k2, d2, size, r, t, flags=cv2.CALIB_ZERO_DISPARITY, balance=balance
-            )
+            found = cv2.fisheye.stereoRectify(*given, **options, balance=max(share, 0.0))
         else:
-            share = -1.0 if alpha is None else alpha
-            found = cv2.stereoRectify(
-                k1, d1, k2, d2, size, r, t, flags=cv2.CALIB_ZERO_DISPARITY, alpha=share
-            )
+            found = cv2.stereoRectify(*given, **options, alpha=share)
 
         return dict(zip(RECTIFIED, found[:4], strict=True))
 

@@ -64,6 +64,12 @@ def _inverse(pose: Matrix) -> Matrix:
     return np.asarray(np.linalg.inv(pose), np.float64)
 
 
+def _pose(rotation: Any, translation: Any) -> Matrix:
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = rotation, translation
+    return pose
+
+
 def _camera(
     focal: tuple[float, float],
     center: tuple[float, float],
@@ -115,10 +121,6 @@ def _is_kitti(document: Document) -> bool:
         document[f"P{a}"], str) for a in (0, 2))  # fmt: skip
 
 
-def _is_kitti_raw(document: Document) -> bool:
-    return "P_rect_00" in document or "P_rect_02" in document
-
-
 def _projected(left: Matrix, right: Matrix, **more: Any) -> Cameras:
     """Return rectified cameras by their projections, (3, 4), of which none need be at 0."""
     x = [np.linalg.solve(p[:, :3], p[:, 3])[0] for p in (left, right)]
@@ -148,9 +150,7 @@ def _of_kitti_raw(document: Document) -> Cameras:
     poses: list[Matrix] = []
     found: Document = {}
     for side, n in (("1", a), ("2", b)):
-        pose = np.eye(4)
-        pose[:3, :3], pose[:3, 3] = _row(document, f"R_{n}", 3, 3), _row(document, f"T_{n}", 3)
-        poses.append(pose)
+        poses.append(_pose(_row(document, f"R_{n}", 3, 3), _row(document, f"T_{n}", 3)))
         found |= {
             f"K{side}": _row(document, f"K_{n}", 3, 3),
             f"D{side}": _row(document, f"D_{n}", 5),
@@ -225,9 +225,8 @@ def _oak_pose(every: Mapping[int, Any], socket: int) -> Matrix:
         extrinsics = every[socket]["extrinsics"]
         if extrinsics["toCameraSocket"] not in every:
             return _inverse(chain)
-        step = np.eye(4)
-        step[:3, :3] = numbers(extrinsics["rotationMatrix"], "rotationMatrix")
-        step[:3, 3] = [extrinsics["translation"][axis] / 100 for axis in "xyz"]
+        turn = numbers(extrinsics["rotationMatrix"], "rotationMatrix")
+        step = _pose(turn, [extrinsics["translation"][axis] / 100 for axis in "xyz"])
         chain, socket = step @ chain, extrinsics["toCameraSocket"]
     raise ValueError("toCameraSocket: the cameras refer to each other in a circle")
 
@@ -315,10 +314,8 @@ def _of_matlab(document: Document) -> Cameras:
             np.ravel(one[f"{kind}Distortion"]) for kind in ("Radial", "Tangential")
         )
         coefficients = [*radial[:2], *tangential, *radial[2:]]
-        size = None
-        if np.size(one.get("ImageSize", ())):
-            rows, columns = np.ravel(one["ImageSize"]).tolist()
-            size = columns, rows
+        rows_columns = np.ravel(one.get("ImageSize", ())).tolist()
+        size = rows_columns[::-1] or None
         cameras.append(_camera((k[0, 0], k[1, 1]), (k[0, 2] - 1, k[1, 2] - 1), coefficients, size))
     if "RotationOfCamera2" in document:
         rotation, shift = (
@@ -340,10 +337,8 @@ def _of_mrcal(document: Document) -> Placed:
             f"lensmodel: got {model}; accepts {', '.join(known)}: mrcal-convert-lensmodel"
         )
     fx, fy, cx, cy, *distortion = document["intrinsics"]
-    pose = np.eye(4)
     vector = numbers(document.get("rt_cam_ref", document.get("extrinsics")), "extrinsics")
-    pose[:3, :3] = require("cv2", extra="rectify").Rodrigues(vector[:3])[0]
-    pose[:3, 3] = vector[3:]
+    pose = _pose(require("cv2", extra="rectify").Rodrigues(vector[:3])[0], vector[3:])
     size = document["imagersize"]
     return Placed(_camera((fx, fy), (cx, cy), distortion, (size[0], size[1])), pose)
 
@@ -430,7 +425,7 @@ _MAKERS: list[tuple[Callable[[Document], bool], Callable[[Document], Cameras]]] 
     (lambda found: XML in found, _of_xml),
     (lambda found: "STEREO" in found and any("_CAM_" in name for name in found), _of_zed),
     (lambda found: "cameraData" in found and "stereoRectificationData" in found, _of_oak),
-    (_is_kitti_raw, _of_kitti_raw),
+    (lambda found: "P_rect_00" in found or "P_rect_02" in found, _of_kitti_raw),
     (_is_kitti, _of_kitti),
     (lambda found: "LEFT.K" in found or "Camera.fx" in found or "Camera1.fx" in found, _of_orb),
     (lambda found: "cam0_calib" in found, _of_vins),
