@@ -68,16 +68,25 @@ def _opencv(matrices: Mapping[str, Matrix], size: tuple[int, int]) -> list[str]:
     lines = ["%YAML:1.0", "---", f"image_width: {size[1]}", f"image_height: {size[0]}"]
     for name, matrix in matrices.items():
         rows, cols = matrix.shape if matrix.ndim == 2 else (1, matrix.size)
-        lines += [f"{name}: !!opencv-matrix", f"   rows: {rows}", f"   cols: {cols}"]
-        lines += ["   dt: d", f"   data: {_numbers(matrix)}"]
+        lines += [
+            f"{name}: !!opencv-matrix",
+            f"   rows: {rows}",
+            f"   cols: {cols}",
+            "   dt: d",
+            f"   data: {_numbers(matrix)}",
+        ]
     return lines
 
 
 def _camera_info(
     cameras: Mapping[str, Matrix], size: tuple[int, int], number: int, side: str
 ) -> list[str]:
-    lines = [f"image_width: {size[1]}", f"image_height: {size[0]}", f"camera_name: {side}"]
-    lines += ["distortion_model: plumb_bob"]
+    lines = [
+        f"image_width: {size[1]}",
+        f"image_height: {size[0]}",
+        f"camera_name: {side}",
+        "distortion_model: plumb_bob",
+    ]
     distortion = np.append(cameras[f"D{number}"], 0.0)
     projection = cameras[f"P{number}"].copy()
     if number == 2:
@@ -97,10 +106,13 @@ def _kalibr(cameras: Mapping[str, Matrix], size: tuple[int, int], pose: Matrix) 
     lines = []
     for number in (1, 2):
         matrix = cameras[f"K{number}"]
-        lines += [f"cam{number - 1}:", "  camera_model: pinhole"]
-        lines += [f"  intrinsics: {_numbers(matrix[[0, 1, 0, 1], [0, 1, 2, 2]])}"]
-        lines += ["  distortion_model: radtan"]
-        lines += [f"  distortion_coeffs: {_numbers(cameras[f'D{number}'])}"]
-        lines += [f"  resolution: [{size[1]}, {size[0]}]"]
+        lines += [
+            f"cam{number - 1}:",
+            "  camera_model: pinhole",
+            f"  intrinsics: {_numbers(matrix[[0, 1, 0, 1], [0, 1, 2, 2]])}",
+            "  distortion_model: radtan",
+            f"  distortion_coeffs: {_numbers(cameras[f'D{number}'])}",
+            f"  resolution: [{size[1]}, {size[0]}]",
+        ]
     rows = [f"  - {_numbers(row)}" for row in pose]
     return [*lines, "  T_cn_cnm1:", *rows]

@@ -67,11 +67,6 @@ class Diagnosis:
     intensity_range: float
     findings: tuple[Finding, ...]
 
-    @property
-    def _sure(self) -> float:
-        """The confidence, rounded so that the type of the pixels makes no difference."""
-        return math.nan if self.search is None else round(self.search.confidence, 2)
-
     def __str__(self) -> str:
         """Return one line a finding: its severity, and a sentence."""
         return "\n".join(f"{found.severity}: {found.sentence}" for found in self.findings)
@@ -92,12 +87,19 @@ class Diagnosis:
 
     def as_dict(self) -> dict[str, Any]:
         """Return everything as JSON has it; numbers that JSON does not have are None."""
-        record: dict[str, Any] = {
+        search, alignment = self.search, self.alignment
+        names = "vertical", "rotation", "scale", "rms", "error", "blocks"
+        record = {
             "width": self.size[1],
             "height": self.size[0],
             "findings": [asdict(found) for found in self.findings],
-            "search": _fields(self.search and replace(self.search, confidence=self._sure)),
-            "alignment": None,
+            # Rounded so that the type of the pixels makes no difference.
+            "search": None
+            if search is None
+            else asdict(replace(search, confidence=round(search.confidence, 2))),
+            "alignment": None
+            if alignment is None
+            else {name: getattr(alignment, name) for name in names},
             "blur": None
             if self.blur is None
             else {
@@ -106,18 +108,11 @@ class Diagnosis:
                 "tile": self.blur.tile,
                 "labels": self.blur.labels.tolist(),
             },
-            "contrast": _fields(self.contrast),
+            "contrast": None if self.contrast is None else asdict(self.contrast),
             "noise": _sides(self.noise),
             "saturation": _sides([asdict(side) for side in self.saturation]),
             "low_texture": _sides(self.low_texture),
         }
-
-        if self.alignment is not None:
-            record["alignment"] = {
-                name: getattr(self.alignment, name)
-                for name in ("vertical", "rotation", "scale", "rms", "error", "blocks")
-            }
-
         return as_json(record)
 
 
@@ -177,10 +172,6 @@ def check(left: ImageOrPath, right: ImageOrPath, *, self_rectify: bool = True) -
         intensity_range=light.intensity_range,
         findings=found.findings,
     )
-
-
-def _fields(record: SearchRange | Contrast | None) -> dict[str, Any] | None:
-    return None if record is None else asdict(record)
 
 
 def _sides(values: Any) -> Mapping[str, Any] | None:
