@@ -20,8 +20,7 @@ from PIL import Image
 import phasestereo as ps
 from phasestereo.views.page import write_pair_page
 from phasestereo.views.picture import colorize, error_picture
-from phasestereo_bench.demo import Demo, run_demo
-from phasestereo_bench.demo.methods import ROBUST, SGBM
+from phasestereo_bench.demo import ROBUST, SGBM, Demo, run_demo
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

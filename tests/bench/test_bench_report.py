@@ -11,12 +11,12 @@ import pytest
 
 from phasestereo_bench.cases import SUITE_SCENES, SUITES
 from phasestereo_bench.datasets import find_scene, find_scenes
-from phasestereo_bench.report import document_texts, fill_places, read_results
 from phasestereo_bench.report.cells import Place
+from phasestereo_bench.report.documents import document_texts, fill_places
 from phasestereo_bench.report.markdown import fill_markers, markdown_table, markdown_text
 from phasestereo_bench.report.origin import explain, made_with, origin
 from phasestereo_bench.report.plots import draw_means, save_plot, styles
-from phasestereo_bench.report.results import Results
+from phasestereo_bench.report.results import Results, read_results
 from phasestereo_bench.report.sharp import explain_v3, sharp_tables, v2_table, v3_table
 from phasestereo_bench.report.tables import (
     Entry,

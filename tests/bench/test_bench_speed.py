@@ -20,7 +20,7 @@ from phasestereo.settings import PRESETS
 from phasestereo_bench import read_store, run_jobs, speed as bench
 from phasestereo_bench.environment import usable_cpus
 from phasestereo_bench.speed import GrayPair, contenders, memory, records, results, rounds
-from phasestereo_bench.speed.affinity import pinned
+from phasestereo_bench.speed.rounds import pinned
 from phasestereo_bench.tables import table_texts
 from support import Run
 

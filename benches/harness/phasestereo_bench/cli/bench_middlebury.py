@@ -18,11 +18,10 @@ from phasestereo_bench.cli.bench_tables import show
 from phasestereo_bench.cli.parameters import CELLS, RUN, SCENES, Flag, Folders, Names, RecordsFile
 from phasestereo_bench.methods import method as method_of, present
 from phasestereo_bench.middlebury import default_methods, middlebury_jobs
-from phasestereo_bench.report import read_results
 from phasestereo_bench.report.cells import KIND, METRICS
 from phasestereo_bench.report.origin import explain, origin
 from phasestereo_bench.report.plots import draw_means, save_plot
-from phasestereo_bench.report.results import Results, results_of
+from phasestereo_bench.report.results import Results, read_results, results_of
 from phasestereo_bench.report.sharp import sharp_tables
 from phasestereo_bench.report.tables import cost_table, mean_table
 from phasestereo_bench.rigs import QUICK_SCENES

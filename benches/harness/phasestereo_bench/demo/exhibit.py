@@ -17,8 +17,16 @@ from phasestereo.views.picture import Picture, colorize, disparity_picture, erro
 from phasestereo.views.templating import render_page
 from phasestereo_bench.arrays import Map
 from phasestereo_bench.demo import trials
-from phasestereo_bench.demo.methods import NEIGHBORHOOD, NSAD, ROBUST, SGBM, WINDOW, DemoMethod
-from phasestereo_bench.demo.trials import Comparison, Demo
+from phasestereo_bench.demo.trials import (
+    NEIGHBORHOOD,
+    NSAD,
+    ROBUST,
+    SGBM,
+    WINDOW,
+    Comparison,
+    Demo,
+    DemoMethod,
+)
 from phasestereo_bench.report.plots import figure_of, save_plot
 
 

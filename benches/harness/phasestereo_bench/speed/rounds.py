@@ -1,18 +1,56 @@
-"""Rounds: contenders timed in turn, so that a machine's moods meet all of them alike."""
+"""Rounds: contenders timed in turn, so that a machine's moods meet all alike; threads held."""
 
 from __future__ import annotations
 
+import os
 import random
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from phasestereo.result import Result
 from phasestereo.rig.findings import unwarned
 from phasestereo_bench.environment import usable_cpus
-from phasestereo_bench.speed.affinity import pinned
 from phasestereo_bench.speed.contenders import CONTENDERS, MATCH, OURS, Call, set_opencv_threads
 from phasestereo_bench.speed.pairs import GrayPair
+
+_TASKS = Path("/proc/self/task")
+
+
+@contextmanager
+def pinned() -> Iterator[int | None]:
+    """Hold every thread of this process to one processor while the block lasts.
+
+    Threads that start meanwhile are held there, too, and let go with the others.
+
+    Yields
+    ------
+    int or None
+        Which processor; None where the system cannot hold anything.
+    """
+    if not hasattr(os, "sched_setaffinity"):
+        yield None
+        return
+
+    everywhere = os.sched_getaffinity(0)
+    core = min(everywhere)
+    _settle({core})
+
+    try:
+        yield core
+    finally:
+        _settle(everywhere)
+
+
+def _settle(cores: Iterable[int]) -> None:
+    """Move all threads: the call for a process only moves the one that makes it."""
+    tasks = [int(task.name) for task in _TASKS.iterdir()] if _TASKS.is_dir() else [0]
+    for task in tasks:
+        with suppress(ProcessLookupError):  # it has ended since
+            os.sched_setaffinity(task, cores)
+
 
 _REST = 0.001  # seconds: threads of the last one stop looking for more work
 

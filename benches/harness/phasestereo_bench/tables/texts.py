@@ -9,11 +9,10 @@ from typing import Any
 
 from phasestereo_bench.blur import blur_table, explain_blur
 from phasestereo_bench.cases import SUITES
-from phasestereo_bench.report import read_results
 from phasestereo_bench.report.documents import document_texts, small_print
 from phasestereo_bench.report.markdown import markdown_table
 from phasestereo_bench.report.origin import made_with
-from phasestereo_bench.report.results import Results
+from phasestereo_bench.report.results import Results, read_results
 from phasestereo_bench.report.tables import Table
 from phasestereo_bench.speed import explain_speed, memory_table, time_table
 from phasestereo_bench.store import read_good
