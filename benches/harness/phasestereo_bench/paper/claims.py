@@ -185,7 +185,7 @@ def lines(readings: Sequence[Reading]) -> list[BitsLine]:
             where = (BITS_KEY, protocol, scene)
             points = [r for r in readings if (r.experiment, r.protocol, r.scene) == where]
             for sigma in sorted({point.level for point in points}):
-                bad = {p.bits: p.nonocc for p in points if p.level == sigma and p.bits is not None}
+                bad = {p.bits: p.nonocc for p in points if p.level == sigma}
                 found.append(BitsLine(protocol, scene, sigma, bad))
 
     return found

@@ -100,14 +100,6 @@ def _digest(pair: Pair) -> str:
 # Cells
 
 
-class Scores(NamedTuple):
-    """% of pixels that are off by more than 1 pixel, by region; None without a mask of it."""
-
-    nonocc: float
-    all: float | None
-    disc: float | None
-
-
 @dataclass(frozen=True, slots=True)
 class PaperCell:
     """What is measured once, however many figures and tables show it."""
@@ -116,22 +108,15 @@ class PaperCell:
     blur: PaperBlur
     settings: Settings
 
-    def shown_settings(self) -> dict[str, Any]:
-        """Return the settings that matter, None where there are no phase codes."""
-        names = ("power", "bits", "neighborhood")
-        phase = self.settings.cost == "phase"
-        return {
-            **{name: getattr(self.settings, name) if phase else None for name in names},
-            "window": self.settings.window,
-            "penalty": self.settings.p1,
-        }
-
     def job(self, pairs: Pairs) -> Job:
         """Return the job that measures it.
 
         The key holds a digest of the pair and the version of this package: another pair under the
         same name, or another matcher, is another cell.
         """
+        # What matters to phase codes is None where there are none.
+        names = ("power", "bits", "neighborhood")
+        phase = self.settings.cost == "phase"
         key = {
             "kind": "paper",
             "version": phasestereo.__version__,
@@ -140,14 +125,15 @@ class PaperCell:
             "degradation": self.blur.kind,
             "amount": float(self.blur.amount),
             "method": self.settings.cost,
-            **self.shown_settings(),
+            **{name: getattr(self.settings, name) if phase else None for name in names},
+            "window": self.settings.window,
             "penalty": self.settings.p1,
         }
         return Job(key, score_cell, {"folder": str(pairs.folder), "cell": self})
 
 
 def score_cell(folder: str, cell: PaperCell) -> dict[str, Any]:
-    """Match and return the `Scores` by name."""
+    """Match and return the % of pixels off by more than 1, by region; None without its mask."""
     pair = load_pair(folder, cell.scene)
     left, count = degraded(folder, cell.scene, cell.blur), pair.num_disparities
     found = match(left, pair.right, num_disparities=count, settings=cell.settings, threads=1)
@@ -171,8 +157,10 @@ def measure(
     *,
     workers: int | None = None,
     progress: Progress = None,
-) -> dict[PaperCell, Scores]:
-    """Measure cells, but for those which a store has already; any may come more than once.
+) -> dict[PaperCell, float]:
+    """Measure the % of non-occluded pixels that are off by more than 1, of cells.
+
+    But for those which a store has already; any may come more than once.
 
     Raises
     ------
@@ -193,8 +181,7 @@ def measure(
             f"the others are kept in {store}"
         )
 
-    scores = [Scores(*(record[name] for name in Scores._fields)) for record in records]
-    return dict(zip(ordered, scores, strict=True))
+    return dict(zip(ordered, (record["nonocc"] for record in records), strict=True))
 
 
 # Choices
@@ -272,11 +259,10 @@ class Reading:
     experiment, scene, protocol, method, rule, level
         Which point: keys of an experiment ("bits" being Figure 3) and of a pair, "tied" or
         "fixed", the cost, the rule for L (empty elsewhere), and the amount of blur.
-    power, bits, neighborhood, window, penalty
-        The settings; the first three are None for methods without phase codes.
-    nonocc, all, disc
-        % of the pixels that are off by more than 1 pixel: of those that both images see, of all,
-        and of those near a jump in depth; None where the pair has no such mask.
+    bits
+        Those of a phase.
+    nonocc
+        % of the pixels that both images see which are off by more than 1 pixel.
     """
 
     experiment: str
@@ -285,14 +271,8 @@ class Reading:
     method: str
     rule: str
     level: float
-    power: int | None
-    bits: int | None
-    neighborhood: int | None
-    window: int
-    penalty: float
+    bits: int
     nonocc: float
-    all: float | None
-    disc: float | None
 
 
 def curve(readings: Iterable[Reading], **wanted: str | float) -> dict[float, float]:
@@ -360,15 +340,14 @@ def run_study(
     grid = QUICK_GRID if quick else FULL_GRID
     asked = [cell for one in tuning_tasks() for cell in one.cells(grid)]
     with watch("Choosing settings on the sharp pairs") as progress:
-        scores = measure(asked, pairs, store, workers=workers, progress=progress)
+        bad = measure(asked, pairs, store, workers=workers, progress=progress)
 
-    bad = {cell: score.nonocc for cell, score in scores.items()}
     choices = {one: choose(one, grid, bad) for one in tuning_tasks()}
 
     points = [*_points(choices, quick=quick), *_bits_points(choices, quick=quick)]
     cells = [point.cell for point in points]
     with watch("Running the experiments") as progress:
-        scores = measure(cells, pairs, store, workers=workers, progress=progress)
+        bad = measure(cells, pairs, store, workers=workers, progress=progress)
 
     return Study(
         quick=quick,
@@ -381,8 +360,8 @@ def run_study(
                 method=point.series.method.cost,
                 rule=point.series.rule,
                 level=point.level,
-                **point.cell.shown_settings(),
-                **scores[point.cell]._asdict(),
+                bits=point.cell.settings.bits,
+                nonocc=bad[point.cell],
             )
             for point in points
         ],
