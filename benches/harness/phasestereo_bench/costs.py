@@ -32,15 +32,21 @@ _SMALL = 64  # px: a process has matched so much before anything counts
 
 def cost_jobs(scene: Scene, methods: Sequence[str]) -> list[Job]:
     """Return the jobs of a scene; they are to be run by one worker, with nothing beside it."""
-    jobs = []
-    for suite, name in CASES:
-        case = Case(scene, suite, name, usual_side(suite))
-
-        for spec in methods:
-            key = {"kind": COST, "scene": str(scene), "suite": suite, "degradation": name}
-            key |= {"method": str(method(spec))}
-            jobs.append(Job(key, measure_case, {"case": case, "spec": spec}))
-    return jobs
+    return [
+        Job(
+            {
+                "kind": COST,
+                "scene": str(scene),
+                "suite": suite,
+                "degradation": name,
+                "method": str(method(spec)),
+            },
+            measure_case,
+            {"case": Case(scene, suite, name, usual_side(suite)), "spec": spec},
+        )
+        for suite, name in CASES
+        for spec in methods
+    ]
 
 
 def measure_case(case: Case, spec: str) -> dict[str, Any]:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 import zipfile
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -109,8 +110,8 @@ def submit(
     if not taken:
         raise ValueError(f"no scene of {', '.join(SITES)} among {', '.join(map(str, scenes))}")
 
-    files: dict[str, dict[str, Path]] = {}
-    counts: dict[str, int] = {}
+    counts = Counter(title for _, title, _ in taken)
+    files: dict[str, dict[str, Path]] = {title: {} for title in counts}
     for done, (scene, title, site) in enumerate(taken, start=1):
         found = matched_pair(entrant, scene.load())
         words = {
@@ -119,13 +120,10 @@ def submit(
             "name": name,
             "sparse": "_s" * bool(np.isnan(found.disparity).any()),
         }
-        counts[title] = counts.get(title, 0) + 1
-        own = files.setdefault(title, {})
-
-        path = _file(output / title, site.disparity.format(**words), own)
+        path = _file(output / title, site.disparity.format(**words), files[title])
         write_disparity(path, found.disparity.astype(np.float32))
         if site.time is not None:
-            path = _file(output / title, site.time.format(**words), own)
+            path = _file(output / title, site.time.format(**words), files[title])
             path.write_text(site.seconds.format(seconds=found.seconds), "ascii")
         if progress is not None:
             progress(done, len(taken))

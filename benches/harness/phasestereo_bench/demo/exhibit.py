@@ -57,21 +57,15 @@ def write_demo(demo: Demo, folder: str | os.PathLike[str]) -> list[Path]:
     maps = {"truth": truth}
     maps |= {f"disparity_{o.method.key}": o.degraded.disparity for o in demo.outcomes}
 
-    written = []
+    pictures = _pictures(demo)
+    names = [*(f"{name}.pfm" for name in maps), *(f"{name}.png" for name in pictures)]
     for name, disparity in maps.items():
-        written.append(target / f"{name}.pfm")
-        write_disparity(written[-1], disparity)
-
-    for name, picture in _pictures(demo).items():
-        written.append(target / f"{name}.png")
-        write_image(written[-1], picture)
-
-    written.append(target / "overview.png")
-    save_plot(_overview(demo), written[-1])
-
-    written.append(target / "report.html")
-    replace_text(written[-1], _page(demo, target))
-    return written
+        write_disparity(target / f"{name}.pfm", disparity)
+    for name, picture in pictures.items():
+        write_image(target / f"{name}.png", picture)
+    save_plot(_overview(demo), target / "overview.png")
+    replace_text(target / "report.html", _page(demo, target))
+    return [target / name for name in (*names, "overview.png", "report.html")]
 
 
 def _pictures(demo: Demo) -> dict[str, Picture]:
@@ -102,17 +96,21 @@ def _overview(demo: Demo) -> Any:
     shown = [outcome for outcome in demo.outcomes if outcome.method in (ROBUST, SGBM, NSAD)]
     found = [outcome.degraded.disparity for outcome in shown]
 
-    pictures = [demo.degraded, pair.right, colorize(truth, **_ends(truth))]
-    pictures += [colorize(disparity, **_ends(truth)) for disparity in found]
-    pictures += [error_picture(disparity, truth, pair.masks["nonocc"]) for disparity in found]
-
+    pictures = [
+        demo.degraded,
+        pair.right,
+        *(colorize(disparity, **_ends(truth)) for disparity in (truth, *found)),
+        *(error_picture(disparity, truth, pair.masks["nonocc"]) for disparity in found),
+    ]
     titles = [
         "Left: out of focus, dim and noisy",
         "Right: sharp",
         "Truth: far is blue, near is red",
+        *map(_title, shown),
+        "Errors: white is right, dark red is 4 pixels off or more",
+        "Errors",
+        "Errors",
     ]
-    titles += [_title(outcome) for outcome in shown]
-    titles += ["Errors: white is right, dark red is 4 pixels off or more", "Errors", "Errors"]
 
     figure = figure_of(15.0, 12.5)
     figure.suptitle("One image out of focus: what is left of the disparities?", size=16)

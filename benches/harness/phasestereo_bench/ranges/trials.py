@@ -93,25 +93,23 @@ def compare(pair: Pair, *, repeats: int = 1) -> Comparison:
 
     known = np.isfinite(truth)
     low, high = float(truth[known].min()), float(truth[known].max())
-    told = {"num_disparities": int(np.ceil(high)) + 2}
+    alone, slow = _timed(pair, repeats)
+    told, fast = _timed(pair, repeats, num_disparities=int(np.ceil(high)) + 2)
+    off, off_told = (~(np.abs(one.disparity - truth) <= 1)[known] for one in (alone, told))
 
-    bad: list[float] = []
-    seconds: list[float] = []
-    longer = 1.0
-    given: dict[str, Any]
-    for given in ({}, told):
-        took: list[float] = []
-        for _ in range(repeats):
-            started = time.perf_counter()
-            result = _matched(pair.left, pair.right, **given)
-            took.append(time.perf_counter() - started)
-        off = ~(np.abs(result.disparity - truth) <= 1)
-        bad.append(float(off[known].mean()))
-        seconds.append(min(took))
-        if not given and result.search is not None:
-            longer = result.search.num_disparities / (high - min(low, 0) + 1)
+    found = alone.search
+    longer = 1.0 if found is None else found.num_disparities / (high - min(low, 0) + 1)
+    return Comparison(pair.name, (off.mean(), off_told.mean()), (slow, fast), longer)
 
-    return Comparison(pair.name, (bad[0], bad[1]), (seconds[0], seconds[1]), longer)
+
+def _timed(pair: Pair, repeats: int, **given: Any) -> tuple[ps.Result, float]:
+    """Match a pair; return the last result and the shortest time."""
+    took: list[float] = []
+    for _ in range(repeats):
+        started = time.perf_counter()
+        result = _matched(pair.left, pair.right, **given)
+        took.append(time.perf_counter() - started)
+    return result, min(took)
 
 
 def _matched(left: NDArray[Any], right: NDArray[Any], **given: Any) -> ps.Result:

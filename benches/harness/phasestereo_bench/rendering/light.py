@@ -151,22 +151,18 @@ def light_falling_on(patch: Patch, occluders: Sequence[Shape]) -> Lightmap:
     return Lightmap(light, patch.half_width, patch.half_height)
 
 
-def _lights() -> list[tuple[float, Vector]]:
+def _lights() -> Iterator[tuple[float, Vector]]:
     """Weights and directions: a sun wide enough for soft shadows, and two rings of sky."""
-    lights = []
     # A spiral by the golden angle covers the sun's disk evenly.
     for k in range(SUN_RAYS):
         turn, radius = 2.4 * k, 0.1 * math.sqrt(k / SUN_RAYS)
         x, y, z = SUN[0] + radius * math.cos(turn), SUN[1], SUN[2] + radius * math.sin(turn)
-        lights.append((SUNLIGHT / SUN_RAYS, (x, y, z)))
+        yield SUNLIGHT / SUN_RAYS, (x, y, z)
 
     for rise, count in ((0.5, 5), (1.1, 4)):
         for k in range(count):
             turn, flat = math.tau * (k + rise) / count, math.cos(rise)
-            direction = (flat * math.cos(turn), math.sin(rise), flat * math.sin(turn))
-            lights.append((SKYLIGHT / 6, direction))
-
-    return lights
+            yield SKYLIGHT / 6, (flat * math.cos(turn), math.sin(rise), flat * math.sin(turn))
 
 
 def _dot(a: Vector, b: Vector) -> float:

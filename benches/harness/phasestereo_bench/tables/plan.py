@@ -77,31 +77,27 @@ def job_groups(root: Path, rivals: Sequence[str], *, quick: bool = False) -> lis
     timed = [scene for scene in scenes if str(scene) in TIMED_ON] or scenes[:1]
     ours = [*TIMED, *rivals]
 
-    found = [
-        JobGroup(suite, middlebury_jobs(own, _methods(suite, rivals), suite=suite))
-        for suite in SUITES
-        for own in [_scenes(root, suite, quick=quick)]
-    ]
-
-    found.append(JobGroup("choices", choice_jobs(scenes)))
-    found.append(JobGroup("synthesis", _synthesis_jobs(scenes)))
-    if not quick:
-        found.append(JobGroup("rendered", rendered_jobs(rivals)))
-        found.append(JobGroup("surfaces", _surface_jobs(root, rivals)))
-    found.append(JobGroup("blur", blur_jobs(scenes, every=1)))
-
     frames = [
         job
         for place in RECORDINGS
         if (root / place).is_dir()
         for job in recording_jobs(find_recording(root / place), ours)
     ]
-
-    found.append(JobGroup("real", [*frames, *real_jobs(root, ours)]))
-    found.append(
-        JobGroup("costs", [job for s in timed for job in cost_jobs(s, _timed(rivals))], alone=True)
-    )
-
+    costs = [job for scene in timed for job in cost_jobs(scene, _timed(rivals))]
+    found = [
+        *(
+            JobGroup(suite, middlebury_jobs(own, _methods(suite, rivals), suite=suite))
+            for suite in SUITES
+            for own in [_scenes(root, suite, quick=quick)]
+        ),
+        JobGroup("choices", choice_jobs(scenes)),
+        JobGroup("synthesis", _synthesis_jobs(scenes)),
+        JobGroup("rendered", [] if quick else rendered_jobs(rivals)),
+        JobGroup("surfaces", [] if quick else _surface_jobs(root, rivals)),
+        JobGroup("blur", blur_jobs(scenes, every=1)),
+        JobGroup("real", [*frames, *real_jobs(root, ours)]),
+        JobGroup("costs", costs, alone=True),
+    ]
     return [group for group in found if group.jobs]
 
 
