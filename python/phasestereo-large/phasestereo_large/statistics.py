@@ -20,7 +20,7 @@ from phasestereo._numbers import as_integer
 from phasestereo.io.drafts import replacing
 from phasestereo.io.files import decoding, read_bounded
 from phasestereo.io.limits import STATISTICS
-from phasestereo.io.npz import decode_arrays
+from phasestereo.io.npy import decode_arrays
 from phasestereo.rig.alignment import Alignment
 from phasestereo.rig.blur import BlurEstimate
 from phasestereo.rig.compensation import BlurCompensation

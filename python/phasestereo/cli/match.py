@@ -19,8 +19,7 @@ from phasestereo.cli.options import (
     Count,
     Overrides,
 )
-from phasestereo.cli.outcome import Outcome, rehearsal
-from phasestereo.cli.outputs import Outputs
+from phasestereo.cli.outputs import Outcome, Outputs, rehearsal
 from phasestereo.cli.pairing import OPTIONS, Pairing, names_of, read_both
 from phasestereo.cli.scoring import Scoring
 from phasestereo.cli.summary import show

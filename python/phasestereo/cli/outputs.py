@@ -1,4 +1,4 @@
-"""The files that ``phasestereo match`` writes, checked before it matches."""
+"""What a match came to, and the files of it that ``phasestereo match`` writes, checked before."""
 
 # No `from __future__ import annotations`: the command line is made of these annotations.
 
@@ -8,22 +8,79 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from cyclopts import Parameter
+from numpy.typing import NDArray
 
 from phasestereo.cli.errors import WRONG_USAGE, CommandError, claim, option, refusals
 from phasestereo.cli.geometry import Rig
-from phasestereo.cli.outcome import Outcome
+from phasestereo.cli.scoring import Truth
 from phasestereo.cli.terminal import say
 from phasestereo.io import write_depth, write_glb, write_image, write_maps, write_ply
 from phasestereo.io.depth import FARTHEST, meters_in
 from phasestereo.io.results import write_map
-from phasestereo.result import LAYERS
+from phasestereo.metrics import Score
+from phasestereo.rectification import Rectification
+from phasestereo.result import LAYERS, Result
+from phasestereo.settings import Settings
 from phasestereo.views.depths import YAW, Selection
 from phasestereo.views.page import write_pair_page
 from phasestereo.views.picture import disparity_picture
+
+Image = NDArray[Any]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Outcome:
+    """A result, its pair, and its score.
+
+    Parameters
+    ----------
+    pair
+        The left and the right image.
+    result
+        The result.
+    disparities
+        The smallest disparity searched, and how many were.
+    truth, score
+        The disparities known to be right, if any, and the metrics against them.
+    rig
+        The geometry of the pair, if it is known.
+    place
+        Where on Earth the left image lies, if its file says so.
+    names
+        The names of the images' files.
+    rectified
+        How the pair was rectified, if it was.
+    """
+
+    pair: tuple[Image, Image]
+    result: Result
+    disparities: tuple[int, int]
+    truth: Truth | None = None
+    score: Score | None = None
+    rig: Rig | None = None
+    place: Any = None
+    names: tuple[str, str] = ("left", "right")
+    rectified: Rectification | None = None
+
+
+def rehearsal(disparities: tuple[int, int], settings: Settings, rig: Rig | None = None) -> Outcome:
+    """Return the smallest outcome there is that has the smallest and the largest disparity."""
+    low, count = disparities
+    high = low + count - 1
+    extremes = np.array([[low, low, high, high]] * 2, dtype=np.float32)  # a surface each
+    black = np.zeros(extremes.shape, dtype=np.uint8)
+    flags = np.zeros(extremes.shape, dtype=np.uint16)
+    ones = np.ones_like(extremes) if settings.confidence else None
+
+    result = Result(extremes, flags, ones, settings, {"matching": 0.0}, uncertainty=ones)
+
+    small = None if rig is None else rig.of_size(extremes.shape)
+    return Outcome((black, black), result, disparities, rig=small)
+
 
 Writer = Callable[[Path, Outcome], None]
 

@@ -13,7 +13,7 @@ from rich.table import Table
 
 import phasestereo
 from phasestereo._numbers import as_json as plain
-from phasestereo.cli.outcome import Outcome
+from phasestereo.cli.outputs import Outcome
 from phasestereo.cli.terminal import print_json, print_lines
 from phasestereo.metrics import Score
 from phasestereo.metrics.scores import unit_of

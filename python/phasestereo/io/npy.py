@@ -1,10 +1,15 @@
-"""NumPy's ``.npy``: one array of plain numbers. Pickled objects are never loaded."""
+"""NumPy's ``.npy``, one array of plain numbers, and ``.npz``, a zip of these.
+
+Pickled objects are never loaded, and no zip is unpacked to more bytes than are allowed.
+"""
 
 from __future__ import annotations
 
+import io
 import math
 import os
 import struct
+import zipfile
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -16,6 +21,8 @@ from phasestereo.io.limits import check_size
 _DTYPES = ("uint8", "uint16", "float32", "float64")
 _MAGIC = 8  # bytes before the length of the header
 _LONGEST_HEADER = 2**14  # bytes; one of an image has about 120
+_MOST_ARRAYS = 256
+_METHODS = zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED  # as NumPy writes; others may ask for gigabytes
 
 
 def decode_npy(file: BinaryIO) -> NDArray[Any]:
@@ -71,3 +78,61 @@ def check_length(file: BinaryIO, shape: tuple[int, ...], dtype: np.dtype[Any], a
 def encode_npy(file: BinaryIO, array: NDArray[Any]) -> None:
     """Encode an array."""
     np.save(file, array, allow_pickle=False)
+
+
+def decode_arrays(content: bytes, most: int) -> dict[str, NDArray[Any]]:
+    """Return the arrays of a ``.npz`` file by their names.
+
+    Parameters
+    ----------
+    content
+        The file.
+    most
+        Bytes that all arrays together may have.
+
+    Raises
+    ------
+    ValueError
+        If they have more, or the file is damaged or holds anything but plain arrays.
+    """
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            entries = archive.infolist()
+            # No entry unpacks to more than the size that it claims.
+            size = sum(entry.file_size for entry in entries)
+            if size > most or len(entries) > _MOST_ARRAYS:
+                raise ValueError(
+                    f"the arrays take {size} bytes in {len(entries)} files; at most {most} bytes "
+                    f"in {_MOST_ARRAYS} are read"
+                )
+
+            if any(entry.compress_type not in _METHODS for entry in entries):
+                raise ValueError("the arrays are packed otherwise than NumPy packs them")
+
+            return {
+                entry.filename.removesuffix(".npy"): decode_array(archive.read(entry))
+                for entry in entries
+            }
+    except (zipfile.BadZipFile, NotImplementedError, RuntimeError, EOFError) as error:
+        raise ValueError(f"not a sound .npz file: {error}") from error
+
+
+def decode_array(content: bytes) -> NDArray[Any]:
+    """Return the array of a ``.npy`` file.
+
+    Raises
+    ------
+    ValueError
+        If the content is damaged, has objects in it, or is not as long as its header says.
+    """
+    file = io.BytesIO(content)
+    shape, columns_first, dtype = read_header(file)
+    if dtype.hasobject:
+        raise ValueError("an array of objects, which are never loaded")
+    start, count = file.tell(), check_length(file, shape, dtype, len(content))
+
+    if not dtype.itemsize:
+        return np.zeros(shape, dtype)  # np.frombuffer refuses items of no bytes
+
+    array = np.frombuffer(content, dtype, count, start)
+    return array.reshape(shape, order="F" if columns_first else "C").copy()

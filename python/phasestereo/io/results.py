@@ -13,9 +13,9 @@ from phasestereo._images import as_array
 from phasestereo.io.disparity import write_disparity
 from phasestereo.io.drafts import replacing
 from phasestereo.io.files import StrPath, suffix
-from phasestereo.io.formats import geotiff
 from phasestereo.io.image import write_image
 from phasestereo.io.maps import write_floats
+from phasestereo.io.tiff import geotiff
 
 
 def write_maps(path: StrPath, maps: Mapping[str, NDArray[Any]]) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import math
 import zlib
+from importlib.metadata import entry_points
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -35,6 +36,8 @@ _PACKBITS = 32773
 
 # Scale and tie points, transformation, GeoTIFF's keys, GDAL's "no data" value, RPCs.
 _GEO_TAGS = {33550, 33922, 34264, 34735, 42113, 50844}
+FORMATS = "phasestereo.formats"
+"""The group of entry points by which other distributions add formats."""
 
 
 def is_geotiff(path: StrPath) -> bool:
@@ -49,6 +52,22 @@ def is_geotiff(path: StrPath) -> bool:
         if not file.read(4).startswith(TIFF_MAGICS):
             return False
         return not _GEO_TAGS.isdisjoint(read_layout(file)[0].tags)
+
+
+def geotiff() -> Any:
+    """Return the module that reads and writes GeoTIFF files: that of ``phasestereo-large``.
+
+    Raises
+    ------
+    ImportError
+        If it is not installed.
+    """
+    for point in entry_points(group=FORMATS, name="geotiff"):
+        return point.load()
+
+    raise ImportError(
+        "phasestereo-large is not installed; it comes with: pip install 'phasestereo[geo]'"
+    )
 
 
 def decode_tiff(file: BinaryIO) -> NDArray[Any]:

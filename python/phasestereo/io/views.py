@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from phasestereo._images import Mask
 from phasestereo.io import read_image
 from phasestereo.io.files import StrPath
-from phasestereo.io.formats import geotiff
-from phasestereo.io.tiff import is_geotiff
+from phasestereo.io.tiff import geotiff, is_geotiff
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -21,8 +21,8 @@ from phasestereo.metrics.scores import (
     middlebury_v2,
     score,
     subpixel,
+    temporal_deviation,
 )
-from phasestereo.metrics.temporal import temporal_deviation
 
 __all__ = [
     "MiddleburyV2",

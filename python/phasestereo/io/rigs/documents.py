@@ -21,7 +21,7 @@ import numpy as np
 from phasestereo._extras import require
 from phasestereo.io.files import StrPath, decoding, read_bounded
 from phasestereo.io.limits import SMALL, max_pixels
-from phasestereo.io.npz import decode_array, decode_arrays
+from phasestereo.io.npy import decode_array, decode_arrays
 
 Document: TypeAlias = dict[str, Any]
 
