@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Kernel = NDArray[np.float64]
-Recipe = Callable[[NDArray[Any]], NDArray[Any]]
 
 Level = TypeVar("Level", np.uint8, np.uint16)
 
