@@ -143,8 +143,17 @@ def test_the_command_lists_constants_and_refuses_others(run_bench: Callable[...,
     code, out, _ = run_bench("choices", "--source", ROOT)
     assert (code, "LEAST_BORDER" in out) == (0, True)
 
-    code, _, error = run_bench("choices", "--source", ROOT, "--constant", "NOTHING")
-    assert (code, "--constant: got 'NOTHING'" in error) == (2, True)
+    for name, accepted in (
+        ("MANY", "scales.rs:MANY"),
+        ("LEAST_BORDR", "LEAST_BORDER"),
+        ("?", "listed"),
+    ):
+        code, _, error = run_bench("choices", "--source", ROOT, "--constant", name)
+        assert (code, f"--constant: got '{name}'; accepts" in error, accepted in error) == (
+            2,
+            True,
+            True,
+        )
     code, _, error = run_bench("choices")
     assert (code, "--source: got" in error) == (2, True)
 

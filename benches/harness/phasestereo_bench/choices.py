@@ -9,6 +9,7 @@ import subprocess
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
 from hashlib import sha256
 from pathlib import Path
 from statistics import fmean
@@ -106,6 +107,24 @@ def find_constants(source: Path) -> list[Constant]:
         )
         for constant in found
     ]
+
+
+def choose(constants: Iterable[Constant], names: Sequence[str]) -> list[Constant]:
+    """Return the constants of these names.
+
+    Raises
+    ------
+    ValueError
+        If there is none of a name: with those of several files, or of similar names.
+    """
+    known = {one.name: one for one in constants}
+    for name in names:
+        if name not in known:
+            same = [other for other in known if other.endswith(f":{name}")]
+            near = same or get_close_matches(name, known)
+            accepts = ", ".join(near) or "a name that is listed without it"
+            raise ValueError(f"constant: got {name!r}; accepts {accepts}")
+    return [known[name] for name in names]
 
 
 def constants_table(constants: Iterable[Constant]) -> Table:

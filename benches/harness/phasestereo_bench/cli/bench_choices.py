@@ -7,11 +7,11 @@ from typing import Annotated
 
 from phasestereo.cli.errors import refusals
 from phasestereo.cli.terminal import progress_bar
-from phasestereo_bench.cases import require_known
 from phasestereo_bench.choices import (
     AS_IT_IS,
     Constant,
     build,
+    choose,
     constants_table,
     find_constants,
     score,
@@ -41,7 +41,7 @@ def choices(
 
     ```
     phasestereo bench choices
-    phasestereo bench choices ~/middlebury --constant LEAST_DOUBT MANY --factor 0.5 2
+    phasestereo bench choices ~/middlebury --constant LARGE_JUMP scales.rs:MANY --factor 0.5 2
     ```
 
     Parameters
@@ -49,7 +49,7 @@ def choices(
     folders
         Official folder trees: folders that hold scenes2001, MiddEval3 and so on.
     constant
-        Which constants, by name.
+        Which constants, by name; with its file where there are several of a name: scales.rs:MANY.
     factor
         What each is multiplied by; integers are rounded.
     suite
@@ -66,16 +66,15 @@ def choices(
         Folder for builds and records.
     """
     with refusals(options={"constant", "factor", "source", "output"}):
-        known = {one.name: one for one in find_constants(source)}
+        known = find_constants(source)
         if not constant:
-            show({"Constants": constants_table(known.values())})
+            show({"Constants": constants_table(known)})
             return
-        require_known("constant", constant, known)
         variants: dict[str, tuple[Constant, str] | None] = {AS_IT_IS: None}
-        for name in constant:
+        for one in choose(known, constant):
             for times in factor:
-                value = known[name].scaled(times)
-                variants[f"{name} = {value}"] = known[name], value
+                value = one.scaled(times)
+                variants[f"{one.name} = {value}"] = one, value
 
         named = {"--degradation": degradation, "--scene": scene}
         options = [part for name, own in named.items() if own for part in (name, *own)]
