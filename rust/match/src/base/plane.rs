@@ -5,6 +5,7 @@
 use std::fmt;
 use std::ops::Range;
 
+use ndarray::Axis;
 use rayon::prelude::*;
 
 use crate::base::control::Control;
@@ -66,6 +67,18 @@ impl<T> Plane<T> {
         Self::from_fn(self.cols, self.rows, |y, x| self.row(self.rows - 1 - x)[y])
     }
 
+    /// The plane with its rows, axis 0, or its columns, axis 1, in the other order.
+    pub fn reversed(&self, axis: Axis) -> Self
+    where
+        T: Copy,
+    {
+        let (rows, cols) = self.size();
+        Self::from_fn(rows, cols, |y, x| match axis {
+            Axis(0) => self.row(rows - 1 - y)[x],
+            _ => self.row(y)[cols - 1 - x],
+        })
+    }
+
     /// Number of rows.
     pub fn rows(&self) -> usize {
         self.rows
@@ -74,6 +87,11 @@ impl<T> Plane<T> {
     /// Number of columns.
     pub fn cols(&self) -> usize {
         self.cols
+    }
+
+    /// Numbers of rows and of columns.
+    pub fn size(&self) -> (usize, usize) {
+        (self.rows, self.cols)
     }
 
     /// Row `y`.
@@ -204,6 +222,17 @@ impl<T: Clone + Default + Send> Plane<T> {
             Ok(())
         })
     }
+
+    /// A plane of `value(y, x)`, on the threads of the current pool.
+    pub fn by_pixels(
+        size: (usize, usize),
+        control: &Control,
+        value: impl Fn(usize, usize) -> T + Sync,
+    ) -> Result<Self> {
+        Self::by_rows(size, control, |y, row: &mut [T]| {
+            row.iter_mut().enumerate().for_each(|(x, out)| *out = value(y, x));
+        })
+    }
 }
 
 /// `count` default values; an error, not an abort, if there is not enough memory.
@@ -250,6 +279,12 @@ pub fn parts<'a, T: Copy, const ROWS: usize, const COUNT: usize>(
     }
 
     parts
+}
+
+/// The places of `0..length` that are at most `reach` from one of them.
+#[inline]
+pub fn around(place: usize, reach: usize, length: usize) -> Range<usize> {
+    place.saturating_sub(reach)..(place + reach + 1).min(length)
 }
 
 /// Continues `0..length` by reflection, the edge repeated: `d c b a | a b c d | d c b a`.

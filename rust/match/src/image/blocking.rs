@@ -19,7 +19,7 @@ use crate::base::plane::{Plane, zeroed};
 use crate::base::simd::{Level, leveled};
 
 /// Side of a block, pixels.
-const SIDE: usize = 8;
+pub const SIDE: usize = 8;
 /// Rows above and below a border whose values count.
 pub const REACH: usize = 2;
 /// Gray levels, of 255, that extra differences are clipped to: those of blocks are small, those of edges

@@ -118,6 +118,11 @@ impl GrayScale {
         self.ends[0].unsigned_abs()
     }
 
+    /// Bits of gray values beyond 15, with which sums of their squares over windows fit.
+    pub fn surplus(&self) -> u32 {
+        (u32::BITS - self.reach().leading_zeros()).saturating_sub(15)
+    }
+
     /// Black and white as gray values: of bytes the ends, else robust ones of the image's valid pixels.
     pub fn range(&self) -> [i32; 2] {
         self.range

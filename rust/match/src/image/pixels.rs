@@ -204,6 +204,12 @@ impl Input {
         Self { image, mask: self.mask.as_ref().map(Plane::turned), unit: self.unit }
     }
 
+    /// The image with its rows or columns in the other order, as [`Plane::reversed`].
+    pub fn reversed(&self, axis: Axis) -> Self {
+        let image = of_same_type!(&self.image, pixels => reversed(pixels, axis));
+        Self { image, mask: self.mask.as_ref().map(|mask| mask.reversed(axis)), unit: self.unit }
+    }
+
     /// Rows and columns.
     pub fn size(&self) -> (usize, usize) {
         let (rows, cols, _) = self.image.shape();
@@ -275,6 +281,12 @@ fn turned<T: Copy>(pixels: &Array3<T>) -> Array3<T> {
     let mut columns_first = pixels.view().permuted_axes([1, 0, 2]);
     columns_first.invert_axis(Axis(0));
     columns_first.as_standard_layout().into_owned()
+}
+
+fn reversed<T: Copy>(pixels: &Array3<T>, axis: Axis) -> Array3<T> {
+    let mut reversed = pixels.view();
+    reversed.invert_axis(axis);
+    reversed.as_standard_layout().into_owned()
 }
 
 fn channel_of<T: Copy>(pixels: &Array3<T>, channel: usize) -> Array3<T> {

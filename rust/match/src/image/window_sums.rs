@@ -20,8 +20,9 @@
 
 use std::ops::{AddAssign, SubAssign};
 
+use crate::base::control::Control;
 use crate::base::error::Result;
-use crate::base::plane::{Plane, reflect, zeroed};
+use crate::base::plane::{Plane, TASK_ROWS, reflect, zeroed};
 use crate::base::simd::{Level, Loop, whole};
 
 /// Steps of a value of 1 whose mean is taken.
@@ -50,6 +51,30 @@ pub enum Beyond {
 }
 
 impl Windows {
+    /// Windows that end with the plane.
+    pub fn new(size: (usize, usize), radius: usize) -> Self {
+        Self { size, radius, beyond: Beyond::Nothing }
+    }
+
+    /// The plane of `result(y, x, sums)` of all pixels; the rest is as of [`Self::write`].
+    pub fn plane<T, const N: usize, V, R>(
+        self,
+        values: impl Fn(usize) -> V + Sync,
+        result: impl Fn(usize, usize, [T; N]) -> R + Sync,
+        level: Level,
+        control: &Control,
+    ) -> Result<Plane<R>>
+    where
+        T: Copy + Default + AddAssign + SubAssign,
+        V: Iterator<Item = [T; N]>,
+        R: Clone + Default + Send,
+    {
+        Plane::by_bands(self.size, TASK_ROWS, |first, band| {
+            control.checkpoint()?;
+            self.write((first, band), &values, &result, level)
+        })
+    }
+
     /// Writes `result(y, x, sums)` for the pixels of a band of rows that begins with row `first`. `values(y)`
     /// are the values of a row, one value for each sum at each pixel.
     pub fn write<T, const N: usize, V, R>(

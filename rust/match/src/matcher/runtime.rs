@@ -1,6 +1,7 @@
 //! The matcher, threads and control of an estimation and a whole match.
 
 use crate::base::control::Control;
+use crate::base::simd::Level;
 use crate::matcher::{Execution, Matcher};
 
 /// The matcher, how it works, and what may end it.
@@ -12,4 +13,11 @@ pub struct Runtime<'a> {
     pub execution: Execution,
     /// Cancellation.
     pub control: &'a Control,
+}
+
+impl Runtime<'_> {
+    /// The instructions.
+    pub fn level(&self) -> Level {
+        self.execution.level
+    }
 }

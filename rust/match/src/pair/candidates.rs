@@ -35,6 +35,18 @@ impl Candidates {
         Ok(Self { min: min as isize, count: count as usize })
     }
 
+    /// The candidates of a span of disparities, both ends included, cut to what the width allows.
+    pub fn of_span((low, high): (isize, isize), width: usize) -> Result<Self> {
+        let count = (high - low + 1).clamp(1, width as isize);
+        let low = low.clamp(1 - width as isize - (count - 1), width as isize - 1);
+        Self::new(low as i64, count as i64, width)
+    }
+
+    /// The smallest disparity and the number of candidates, as [`Self::new`] takes them.
+    pub fn numbers(self) -> (i64, i64) {
+        (self.min as i64, self.count as i64)
+    }
+
     /// Number of candidates.
     pub fn count(self) -> usize {
         self.count
@@ -43,6 +55,17 @@ impl Candidates {
     /// Smallest disparity.
     pub fn min(self) -> isize {
         self.min
+    }
+
+    /// Largest disparity.
+    pub fn max(self) -> isize {
+        self.min + self.count as isize - 1
+    }
+
+    /// The candidate of a disparity; the first one for those below it, their number for those above the last.
+    #[inline]
+    pub fn index(self, disparity: isize) -> usize {
+        (disparity - self.min).clamp(0, self.count as isize) as usize
     }
 
     /// Disparity of candidate `k`, pixels.

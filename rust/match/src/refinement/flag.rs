@@ -31,13 +31,7 @@ pub const SECOND: u16 = 4096;
 
 /// Flags of pixels without an estimate.
 pub const MISSING: u16 = MASKED | NO_CANDIDATE;
+/// Flags of pixels that the right image does not see.
+pub const UNSEEN: u16 = OUTSIDE | MATCH_MASKED | OCCLUDED;
 /// Flags of pixels whose own estimate is missing or not to be trusted.
-pub const UNTRUSTED: u16 = MISSING
-    | OUTSIDE
-    | MATCH_MASKED
-    | OCCLUDED
-    | MISMATCHED
-    | LOW_CONFIDENCE
-    | SPECKLE
-    | AMBIGUOUS
-    | INFERRED;
+pub const UNTRUSTED: u16 = MISSING | UNSEEN | MISMATCHED | LOW_CONFIDENCE | SPECKLE | AMBIGUOUS | INFERRED;
