@@ -771,7 +771,8 @@ mod matcher {
 mod temporal {
     use super::{At, Bencher, COLS, Control, ItemsCount, Matcher, Plane, ROWS, every, fast, noise, views};
     use phasestereo::internals::video::temporal::TemporalFilter;
-    use phasestereo_match::matcher::{Disparity, Timings};
+    use phasestereo_match::matcher::runtime::Runtime;
+    use phasestereo_match::matcher::{Disparity, Execution, Timings};
     use phasestereo_match::pair::Pair;
 
     /// A frame that is as the one before, so that all of its disparities become means.
@@ -790,9 +791,11 @@ mod temporal {
         };
         let (settings, control) = (fast(), Control::default());
         let (matcher, mut filter) = (Matcher::new(1).expect("a thread"), TemporalFilter::new());
+        let execution = Execution { threads: 1, level: *level };
+        let runtime = Runtime { matcher: &matcher, execution, control: &control };
         bencher
             .counter(ItemsCount::new(ROWS * COLS))
-            .bench_local(|| matcher.install(|| filter.apply(&pair, &settings, &mut map, *level, &control)));
+            .bench_local(|| matcher.install(|| filter.apply(&pair, &settings, &mut map, runtime)));
     }
 }
 

@@ -4,7 +4,7 @@
 use std::ops::Range;
 
 use crate::common::parts::{Slow, Stored};
-use crate::common::{hash, levels};
+use crate::common::{hash, levels, with_runtime};
 use ndarray::Array3;
 use phasestereo::Finding;
 use phasestereo::internals::estimation::blur::Side;
@@ -17,8 +17,6 @@ use phasestereo_match::base::plane::{Plane, reflect};
 use phasestereo_match::base::simd::Level;
 use phasestereo_match::image::pixels::{Image, Input};
 use phasestereo_match::image::view::{Mask, View};
-use phasestereo_match::matcher::runtime::Runtime;
-use phasestereo_match::matcher::{Execution, Matcher};
 use phasestereo_match::pair::Pair;
 use phasestereo_match::pair::alignment::Alignment;
 use phasestereo_match::pair::alignment::straighten::straightened;
@@ -148,13 +146,11 @@ fn settings() -> Settings {
 
 /// The estimates of a pair, whose disparities are known or not.
 fn found(pair: &Pair, is_known: bool, threads: usize, level: Level) -> Estimates {
-    let matcher = Matcher::new(threads).expect("threads");
-    let control = Control::default();
-    let runtime = Runtime { matcher: &matcher, execution: Execution { threads, level }, control: &control };
     let candidates = is_known.then(|| Fact::given(pair.candidates()));
     let facts = Facts { candidates, ..Facts::default() };
 
-    with_findings(complete(pair.clone(), &facts, &settings(), runtime).expect("it runs").1, pair)
+    let found = with_runtime(threads, level, |runtime| complete(pair.clone(), &facts, &settings(), runtime));
+    with_findings(found.expect("it runs").1, pair)
 }
 
 /// The estimates with the findings that follow from them.
@@ -165,15 +161,12 @@ fn with_findings(mut found: Estimates, pair: &Pair) -> Estimates {
 
 /// The same of a pair that is read by at most this many rows.
 fn found_by_rows(stored: &Stored, is_known: bool, most: usize) -> Estimates {
-    let matcher = Matcher::new(2).expect("threads");
-    let control = Control::default();
-
-    let execution = Execution { threads: 2, level: Level::best() };
-    let runtime = Runtime { matcher: &matcher, execution, control: &control };
     let candidates = is_known.then(|| Fact::given(stored.pair.candidates()));
     let facts = Facts { candidates, ..Facts::default() };
 
-    let found = complete_source(&Slow::new(stored, most), &facts, &settings(), runtime);
+    let slow = Slow::new(stored, most);
+    let found =
+        with_runtime(2, Level::best(), |runtime| complete_source(&slow, &facts, &settings(), runtime));
     with_findings(found.expect("it runs"), &stored.pair)
 }
 
@@ -300,7 +293,7 @@ fn blur_that_follows_depth_has_the_disk_of_each_disparity() {
     let estimates = found(&pair, true, 1, Level::best());
     let blur = estimates.blur.expect("estimated");
 
-    let (rows, cols, labels) = &blur.labels;
+    let ((rows, cols), labels) = (blur.labels.size(), blur.labels.as_slice());
     let of_side = |side: Side, columns: Range<usize>| {
         let is_of = |x: usize| blur.blurs[usize::from(labels[rows / 2 * cols + x])].side == Some(side);
         columns.filter(|x| is_of(*x)).count()
@@ -308,7 +301,7 @@ fn blur_that_follows_depth_has_the_disk_of_each_disparity() {
     // Far things are in the left half; the tiles at the jump are of either half.
     let half = cols / 2 - 2;
     assert_eq!(of_side(Side::Right, 0..half), half, "{blur:?}");
-    assert_eq!(of_side(Side::Left, cols - half..*cols), half, "{blur:?}");
+    assert_eq!(of_side(Side::Left, cols - half..cols), half, "{blur:?}");
 
     let mut psfs = blur.blurs.iter().filter_map(|blur| blur.psf);
     assert!(psfs.all(|psf| psf == Psf::disk(psf.size) && psf.size <= 6.5), "{blur:?}");
@@ -362,18 +355,16 @@ fn a_negative_is_found_by_rows_as_in_memory_and_may_be_known() {
     assert_same(&by_rows, &expected, "by rows");
     assert!(by_rows.is_inverted);
 
-    let (matcher, control) = (Matcher::new(2).expect("threads"), Control::default());
-    let execution = Execution { threads: 2, level: Level::best() };
-    let runtime = Runtime { matcher: &matcher, execution, control: &control };
     let facts = &Facts { is_inverted: true, ..Facts::default() };
-
-    let (inverted, found) = complete(pair.clone(), facts, &settings(), runtime).expect("it runs");
+    let known = with_runtime(2, Level::best(), |runtime| complete(pair.clone(), facts, &settings(), runtime));
+    let (inverted, found) = known.expect("it runs");
     assert_same(&with_findings(found, pair), &expected, "known");
     assert_eq!(inverted.views()[1], pair.inverted().views()[1]);
 
     let slow = Slow::new(&stored, 50);
-    let by_rows = complete_source(&slow, facts, &settings(), runtime).expect("it runs");
-    assert_same(&with_findings(by_rows, pair), &expected, "known, by rows");
+    let by_rows =
+        with_runtime(2, Level::best(), |runtime| complete_source(&slow, facts, &settings(), runtime));
+    assert_same(&with_findings(by_rows.expect("it runs"), pair), &expected, "known, by rows");
 }
 
 #[test]

@@ -3,8 +3,7 @@
 
 use std::ops::Range;
 
-use crate::common::gray_of;
-use crate::common::hash;
+use crate::common::{gray_of, hash, with_runtime};
 use ndarray::Array3;
 use phasestereo::internals::estimation::areas::Area;
 use phasestereo::internals::estimation::blur::parts::PairRows;
@@ -15,22 +14,13 @@ use phasestereo::internals::estimation::range::{
     signs,
 };
 use phasestereo::internals::estimation::tracks::{BLOCK, Seed, Track, follow};
-use phasestereo_match::base::control::Control;
 use phasestereo_match::base::math;
 use phasestereo_match::base::plane::Plane;
 use phasestereo_match::base::simd::Level;
 use phasestereo_match::image::pixels::{Image, Input};
 use phasestereo_match::image::view::{Mask, View};
-use phasestereo_match::matcher::runtime::Runtime;
-use phasestereo_match::matcher::{Execution, Matcher};
 use phasestereo_match::pair::Pair;
 use phasestereo_match::pair::candidates::Candidates;
-
-fn with_runtime<T>(work: impl FnOnce(Runtime) -> T) -> T {
-    let (matcher, control) = (Matcher::new(1).expect("a thread"), Control::default());
-    let execution = Execution { threads: 1, level: Level::best() };
-    work(Runtime { matcher: &matcher, execution, control: &control })
-}
 
 /// A number from 0 to 999.
 fn random(salt: u64, y: usize, x: usize) -> usize {
@@ -59,8 +49,10 @@ fn copies_are_reduced_to_the_usual_width_and_by_two_until_they_are_small() {
     let negative = plane.map(|value| -value);
     let copies = Overview { factor: 2, planes: [plane.clone(), negative], valid };
 
-    let usual = with_runtime(|runtime| copies.usual(runtime)).expect("it runs").expect("wide");
-    let halved = with_runtime(|runtime| usual.halved(runtime)).expect("it runs").expect("wide");
+    let usual =
+        with_runtime(1, Level::best(), |runtime| copies.usual(runtime)).expect("it runs").expect("wide");
+    let halved =
+        with_runtime(1, Level::best(), |runtime| usual.halved(runtime)).expect("it runs").expect("wide");
     for (less, by) in [(&usual, 4), (&halved, 8)] {
         assert_eq!(less.factor, 2 * by);
         assert_eq!((less.valid.rows(), less.valid.cols()), (240 / by, 600 / by));
@@ -72,7 +64,7 @@ fn copies_are_reduced_to_the_usual_width_and_by_two_until_they_are_small() {
             assert_eq!(found, [mean, -mean].map(f32::to_bits));
         }
     }
-    with_runtime(|runtime| {
+    with_runtime(1, Level::best(), |runtime| {
         assert!(usual.usual(runtime).expect("it runs").is_none());
         assert!(halved.halved(runtime).expect("it runs").is_none());
     });
@@ -94,7 +86,8 @@ fn pixels_of_copies_are_valid_if_half_of_theirs_are() {
     let [left, right] = views;
     let pair = Pair::new(left, right, 0, 9).expect("legal");
 
-    let copies = with_runtime(|runtime| Overview::new(&PairRows::new(&pair, runtime)?, runtime));
+    let copies =
+        with_runtime(1, Level::best(), |runtime| Overview::new(&PairRows::new(&pair, runtime)?, runtime));
     let copies = copies.expect("it runs").expect("large enough");
     let expected = Plane::from_fn(24, 130, |y, x| {
         (0..16).filter(|at| is_valid(4 * y + at / 4, 4 * x + at % 4)).count() >= 8
@@ -134,7 +127,7 @@ fn rows_that_are_off_are_shifted_by_the_least_that_matches_best() {
         ];
         let copies = of_planes(planes);
         let candidates = Candidates::new(0, 12, size.1).expect("legal");
-        let found = with_runtime(|runtime| copies.shift(Some(candidates), size, runtime));
+        let found = with_runtime(1, Level::best(), |runtime| copies.shift(Some(candidates), size, runtime));
         let shift = found.expect("it runs").map(|field| field.coefficients()[0]);
         assert_eq!(shift, (off != 0).then_some(off as f64));
     }
@@ -157,7 +150,7 @@ fn blocks_are_found_where_nine_tenths_of_both_are_valid() {
         let places = (40..130).step_by(5).flat_map(|y| (50..180).step_by(13).map(move |x| (y, x)));
         let seed = |(y, x): (usize, usize)| Seed { x: x as f64, y: y as f64, dx: -6.0, dy: 0.0 };
         let seeds: Vec<Seed> = places.clone().map(seed).collect();
-        let found = with_runtime(|runtime| {
+        let found = with_runtime(1, Level::best(), |runtime| {
             follow(&PairRows::new(&pair, runtime)?, &overview, &seeds, factor, runtime)
         });
         let found = found.expect("it runs");
@@ -208,7 +201,7 @@ fn stage(halves: [usize; 2], thing: usize) -> Overview {
 #[test]
 fn a_range_holds_what_is_found_and_what_stands_before_it() {
     let range_of = |copies: &Overview| {
-        with_runtime(|runtime| {
+        with_runtime(1, Level::best(), |runtime| {
             let usual = copies.usual(runtime)?.expect("wide");
             let map = usual.rough(None, None, runtime)?;
             range(Copies { finest: copies, fine: copies, overview: &usual }, &map, runtime)

@@ -3,14 +3,12 @@
 use std::collections::BTreeSet;
 use std::ops::Range;
 
-use crate::common::gray_of;
-use crate::common::hash;
 use crate::common::naive::ResultBits;
+use crate::common::{gray_of, hash, with_runtime};
 use crate::scales::{naive_mean, random};
 use ndarray::Array3;
 use phasestereo::internals::scales::flat_areas::{FlatArea, flat_areas};
 use phasestereo::internals::scales::planes::draw;
-use phasestereo_match::base::control::Control;
 use phasestereo_match::base::plane::Plane;
 use phasestereo_match::base::simd::Level;
 use phasestereo_match::image::pixels::Image;
@@ -110,10 +108,11 @@ fn flat_areas_are_those_of_a_naive_search() {
         let gray = patched(size, salt, 40.0);
         let naive = naive_areas(&gray);
 
-        let areas = flat_areas(&gray, Level::best(), &Control::default()).expect("enough memory");
+        let areas = with_runtime(1, Level::best(), |runtime| flat_areas(&gray, runtime)).expect("memory");
         let pixels = |area: &FlatArea| {
             let all = (&(0..size.0), &(0..size.1));
-            let marked = area.near(all, 0, Level::best(), &Control::default()).expect("memory");
+            let marked = with_runtime(1, Level::best(), |runtime| area.near(all, 0, runtime));
+            let marked = marked.expect("memory");
             places(size).filter(|&(y, x)| marked.row(y)[x]).collect::<BTreeSet<_>>()
         };
 
@@ -516,7 +515,7 @@ fn known_at_outline(view: View, surface: impl Fn(usize, usize) -> f32) -> (Pair,
 }
 
 fn drawn(pair: &Pair, mut map: Disparity) -> Disparity {
-    draw(&mut map, pair, Level::best(), &Control::default()).expect("enough memory");
+    with_runtime(1, Level::best(), |runtime| draw(&mut map, pair, runtime)).expect("enough memory");
     map
 }
 

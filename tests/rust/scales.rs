@@ -1,21 +1,20 @@
 //! Matching over scales: every stage as a naive one computes it.
 
-use crate::common::{hash, levels};
+use crate::common::{hash, levels, with_runtime};
 use ndarray::Array3;
 use phasestereo::internals::estimation::facts::{Fact, Facts};
-use phasestereo::internals::estimation::{complete, prepare};
+use phasestereo::internals::estimation::{Prepared, complete, prepare};
 use phasestereo::internals::match_pair::match_pair;
 use phasestereo::internals::scales::choice::{Doubt, choose, conclude};
 use phasestereo::internals::scales::ranges::panel_ranges;
 use phasestereo::internals::scales::reduction::halved;
-use phasestereo_match::base::control::Control;
 use phasestereo_match::base::plane::Plane;
 use phasestereo_match::base::simd::Level;
 use phasestereo_match::image::pixels::{Image, Input};
 use phasestereo_match::image::view::Mask;
 use phasestereo_match::image::window_sums::window_means;
 use phasestereo_match::matcher::runtime::Runtime;
-use phasestereo_match::matcher::{Disparity, Execution, Matcher, Timings};
+use phasestereo_match::matcher::{Disparity, Timings};
 use phasestereo_match::pair::Pair;
 use phasestereo_match::pair::candidates::Candidates;
 use phasestereo_match::refinement::flag;
@@ -182,10 +181,6 @@ fn the_detail_of_a_map_is_the_mean_factor_of_the_copies_that_decided() {
     assert_eq!(alone.detail, None);
 }
 
-fn runtime<'a>(matcher: &'a Matcher, threads: usize, level: Level, control: &'a Control) -> Runtime<'a> {
-    Runtime { matcher, execution: Execution { threads, level }, control }
-}
-
 #[test]
 fn a_copy_is_the_mean_of_squares_and_its_range_covers_that_of_the_pair() {
     let image = |salt: u64| {
@@ -252,14 +247,14 @@ fn blocks() -> Pair {
 
 #[test]
 fn copies_decide_where_the_pair_has_no_evidence_with_the_same_bits_everywhere() {
-    let (settings, control) = (Settings::default(), Control::default());
+    let settings = Settings::default();
     let candidates = Some(Fact::given(blocks().candidates()));
     let facts = &Facts { candidates, ..Facts::default() };
 
     let result = |threads, level| {
-        let matcher = Matcher::new(threads).expect("threads");
-        let runtime = runtime(&matcher, threads, level, &control);
-        match_pair(blocks(), facts, &settings, runtime).expect("a legal pair").map
+        with_runtime(threads, level, |runtime| match_pair(blocks(), facts, &settings, runtime))
+            .expect("a legal pair")
+            .map
     };
 
     let found = result(1, Level::best());
@@ -279,13 +274,13 @@ fn copies_decide_where_the_pair_has_no_evidence_with_the_same_bits_everywhere() 
     }
 
     // They make it better.
-    let matcher = Matcher::new(1).expect("a thread");
-    let runtime = runtime(&matcher, 1, Level::best(), &control);
-    let (pair, estimates) = complete(blocks(), facts, &settings, runtime).expect("a legal pair");
-    let prepared = prepare(pair, estimates, facts, &settings, runtime).expect("a legal pair");
-    let alone = matcher
-        .match_pair(&prepared.pair, &prepared.settings, runtime.execution, &control)
-        .expect("a legal pair");
+    let alone = with_runtime(1, Level::best(), |runtime| {
+        let (pair, estimates) = complete(blocks(), facts, &settings, runtime).expect("a legal pair");
+        let Prepared { pair, settings, .. } =
+            prepare(pair, estimates, facts, &settings, runtime).expect("a legal pair");
+        let Runtime { matcher, execution, control } = runtime;
+        matcher.match_pair(&pair, &settings, execution, control).expect("a legal pair")
+    });
     let right = |map: &Disparity| {
         map.disparity.as_slice().iter().filter(|value| (**value - 14.0).abs() <= 2.0).count()
     };
@@ -314,10 +309,10 @@ fn deep() -> Pair {
 #[test]
 fn a_panel_is_searched_where_its_copy_matches() {
     let ranges = |pair: &Pair, threads: usize, level: Level| {
-        let (matcher, control) = (Matcher::new(threads).expect("threads"), Control::default());
-        let runtime = runtime(&matcher, threads, level, &control);
-        let found = || panel_ranges(pair, Optimizer::SemiGlobal, runtime).expect("enough memory");
-        matcher.install(found)
+        with_runtime(threads, level, |runtime| {
+            let found = || panel_ranges(pair, Optimizer::SemiGlobal, runtime);
+            runtime.matcher.install(found).expect("enough memory")
+        })
     };
     let found = ranges(&deep(), 1, Level::best()).expect("large enough");
 

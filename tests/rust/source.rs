@@ -173,7 +173,7 @@ fn maps_of_blur_are_those_of_the_whole() {
         let expected = estimated(&pair, None, 1);
 
         assert_eq!(expected.blurs.len(), 2, "{expected:?}");
-        assert!(expected.labels.0 > 1, "{expected:?}");
+        assert!(expected.labels.rows() > 1, "{expected:?}");
 
         check(&pair, &expected);
     }

@@ -1,7 +1,7 @@
 //! The temporal filter, against the recurrence as it is written down, pixel by pixel.
 
 use crate::common::maps::bits;
-use crate::common::{at_every_level, gray_of, hash, levels, mask, random, view};
+use crate::common::{at_every_level, gray_of, hash, levels, mask, random, view, with_runtime};
 use ndarray::Array3;
 use phasestereo::internals::video::choices::{
     CHANGE_RATIO, CHANGE_STEP, LARGEST_SQUARE, LEAST_NOISE, MEAN_FRAMES, MOST_NOISE, NOISE_BLOCK,
@@ -14,6 +14,7 @@ use phasestereo_match::base::plane::Plane;
 use phasestereo_match::base::simd::Level;
 use phasestereo_match::image::pixels::{Image, Input};
 use phasestereo_match::image::view::View;
+use phasestereo_match::matcher::runtime::Runtime;
 use phasestereo_match::matcher::{Disparity, Timings, on_threads};
 use phasestereo_match::pair::Pair;
 use phasestereo_match::settings::Settings;
@@ -49,14 +50,16 @@ fn map(disparity: Plane<f32>, flags: Plane<u16>, confidence: Option<Plane<f32>>)
 
 /// What the filter makes of a sequence.
 fn filtered(frames: &[Frame], level: Level) -> Vec<Seen> {
-    let (mut filter, control) = (TemporalFilter::new(), Control::default());
-    let next = |frame: &Frame| {
-        let (mut map, settings) = (frame.map.clone(), Settings::default());
-        let support = filter.apply(&frame.pair, &settings, &mut map, level, &control);
-        seen(&map, &support.expect("not cancelled"))
-    };
+    let mut filter = TemporalFilter::new();
+    with_runtime(1, level, |runtime| {
+        let next = |frame: &Frame| {
+            let (mut map, settings) = (frame.map.clone(), Settings::default());
+            let support = filter.apply(&frame.pair, &settings, &mut map, runtime);
+            seen(&map, &support.expect("not cancelled"))
+        };
 
-    frames.iter().map(next).collect()
+        frames.iter().map(next).collect()
+    })
 }
 
 /// Frames of a scene in which tiles change now and then, with noise, of any type of pixels.
@@ -412,7 +415,7 @@ fn a_cut_is_a_new_beginning() {
 
 #[test]
 fn nothing_is_carried_over_to_another_size_range_or_other_settings() {
-    let (level, control, settings) = (Level::best(), Control::default(), Preset::Fast.settings());
+    let (level, settings) = (Level::best(), Preset::Fast.settings());
     let other = Settings { p1: settings.p1 + 1.0, ..settings.clone() };
     let first = still(0, 1, 4.0, SIZE);
     let wide = Frame {
@@ -430,7 +433,8 @@ fn nothing_is_carried_over_to_another_size_range_or_other_settings() {
         let mut filter = TemporalFilter::new();
         for (frame, settings, expected) in [(&first, &settings, 1), (next, settings_of_next, expected)] {
             let mut map = frame.map.clone();
-            let support = filter.apply(&frame.pair, settings, &mut map, level, &control);
+            let support =
+                with_runtime(1, level, |runtime| filter.apply(&frame.pair, settings, &mut map, runtime));
             let support = support.expect("not cancelled");
             assert!(support.as_slice().iter().all(|count| *count == expected));
         }
@@ -442,7 +446,10 @@ fn a_cancelled_frame_is_forgotten_with_all_before_it() {
     let (level, settings, frame) = (Level::best(), Settings::default(), still(0, 1, 4.0, SIZE));
     let mut filter = TemporalFilter::new();
     let mut support = |control: &Control| {
-        let support = filter.apply(&frame.pair, &settings, &mut frame.map.clone(), level, control)?;
+        let mut map = frame.map.clone();
+        let support = with_runtime(1, level, |runtime| {
+            filter.apply(&frame.pair, &settings, &mut map, Runtime { control, ..runtime })
+        })?;
         Ok::<_, Error>(support.row(0)[0])
     };
     let (calm, cancelled) = (Control::default(), Control::default());

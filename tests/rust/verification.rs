@@ -1,6 +1,6 @@
 //! The second opinion: its evidence and its verdicts, pixel by pixel from their definitions.
 
-use crate::common::{hash, levels, mask, view};
+use crate::common::{hash, levels, mask, view, with_runtime};
 use phasestereo::internals::verification::evidence::against;
 use phasestereo::internals::verification::fuse::fuse;
 use phasestereo::internals::verification::judge::{Chance, bar as bar_of};
@@ -154,7 +154,8 @@ fn evidence_is_what_its_definition_says() {
     for is_masked in [false, true] {
         let [left, right] = &views(is_masked);
         let costs = any_columns([left, right], &settings());
-        let found = against(&map, &own, &costs, Level::best(), &Control::default()).expect("memory");
+        let found = with_runtime(1, Level::best(), |runtime| against(&map, &own, &costs, runtime));
+        let found = found.expect("memory");
 
         for (y, x) in window(0, 0, ROWS) {
             let here = side(&map, &own, y, x);
@@ -232,10 +233,12 @@ fn verdicts_are_what_their_definition_says() {
     let (map, own) = (claims(), own());
     let [left, right] = &views(false);
     let costs = any_columns([left, right], &settings());
-    let against = against(&map, &own, &costs, Level::best(), &Control::default()).expect("memory");
+    let against = with_runtime(1, Level::best(), |runtime| against(&map, &own, &costs, runtime));
+    let against = against.expect("memory");
 
     let test = Test { map: &map, own: &own, against: &against };
-    let (verdicts, counts) = test.judge(Level::best(), &Control::default()).expect("memory");
+    let judged_all = with_runtime(1, Level::best(), |runtime| test.judge(runtime));
+    let (verdicts, counts) = judged_all.expect("memory");
 
     let mut expected = [0; 4];
     for (y, x) in window(0, 0, ROWS) {
@@ -312,7 +315,7 @@ fn two_maps_become_what_the_definition_says() {
     let (map, own, chances) = (claims(), Disparity { uncertainty: Some(uncertainty), ..own() }, chances());
     for (wrong, share) in [(0.1, 0.25), (0.3, 0.5)] {
         for level in levels() {
-            let found = fuse(own.clone(), &map, &chances, wrong, level, &Control::default());
+            let found = with_runtime(1, level, |runtime| fuse(own.clone(), &map, &chances, wrong, runtime));
             let found = found.expect("memory");
             let confidence = found.confidence.as_ref().expect("confidences");
             let bars = found.uncertainty.as_ref().expect("bars");
@@ -359,8 +362,9 @@ fn traits_are_what_their_definition_says() {
     };
     let column = |y: usize, u: usize| (u as f32 - map.row(y)[u]).round() as i64;
     for level in levels() {
-        let traits = Traits::new(&map, &own, &pair, level, &Control::default()).expect("memory");
+        let traits = with_runtime(1, level, |runtime| Traits::new(&map, &own, &pair, runtime));
         let all_traits = traits
+            .expect("memory")
             .by_rows(&Control::default(), |traits, row: &mut [Values]| traits.write(row))
             .expect("memory");
         for y in 0..ROWS {

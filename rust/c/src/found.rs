@@ -173,7 +173,7 @@ impl Found {
 
 /// The kinds of blur with their shares of the image; of a kind that both images have, both blurs with the same share.
 fn blurs(estimate: &BlurEstimate) -> Vec<Blur> {
-    let (_, _, labels) = &estimate.labels;
+    let labels = estimate.labels.as_slice();
     let share = |index: usize| {
         let tiles = labels.iter().filter(|label| usize::from(**label) == index).count();
         tiles as f64 / labels.len() as f64

@@ -156,7 +156,7 @@ pub unsafe extern "C" fn phasestereo_restore(
 fn view_of<T: Pixel>(image: &phasestereo::Image) -> Option<Image> {
     let pixels = image.pixels::<T>()?;
     let valid = image.valid();
-    let (rows, cols) = (valid.rows(), valid.cols());
+    let (rows, cols) = valid.size();
     let channels = pixels.len() / (rows * cols);
     Some(Image {
         struct_size: size_of::<Image>(),

@@ -103,7 +103,7 @@ mod tests {
     }
 
     fn softer(side: Side, psf: Psf, other: Option<Psf>, certainty: f32) -> blur::Estimate {
-        let kind = blur::Blur { side: Some(side), psf: Some(psf), taps: Some(psf.taps()), other };
+        let kind = blur::Blur { other, ..blur::Blur::of(side, psf) };
         blur::Estimate { blurs: vec![kind], certainty, ..blur::Estimate::unknown(SIZE) }
     }
 

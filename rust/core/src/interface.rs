@@ -11,6 +11,8 @@ pub mod rig;
 use std::ops::Range;
 use std::sync::Arc;
 
+use ndarray::Axis;
+
 use self::image::Image;
 use self::rig::Rig;
 use crate::estimation::facts::{Direction, Fact, Facts};
@@ -181,19 +183,20 @@ impl Matcher {
         disparities: impl Into<Option<Range<i64>>>,
     ) -> Result<Match> {
         let disparities = disparities.into();
+        let mirrored = |along: Axis, axis: Option<Direction>| -> Result<Match> {
+            let images = [&right, &left].map(|image| image.reversed(along));
+            let found = self.matched(images, disparities.clone(), axis, &Control::default())?;
+            Ok(found.reversed(along))
+        };
+
         if self.axis != Some(Direction::Columns) {
-            let images = [right.clone().mirrored(), left.clone().mirrored()];
-            let found = self.matched(images, disparities.clone(), self.axis, &Control::default())?;
+            let found = mirrored(Axis(1), self.axis)?;
             if !found.estimates.is_vertical() {
-                return Ok(found.mirrored());
+                return Ok(found);
             }
         }
-
         // Along columns, it is rows that are mirrored.
-        let images = [right.flipped(), left.flipped()];
-        let axis = Some(Direction::Columns);
-        let found = self.matched(images, disparities, axis, &Control::default())?;
-        Ok(found.flipped())
+        mirrored(Axis(0), Some(Direction::Columns))
     }
 
     /// The same as [`Self::match_pair`], of which another thread may see the progress, and which it may
@@ -309,9 +312,7 @@ impl Matcher {
         let pair = Pair::of_any(inputs, 0, 1)?;
 
         let control = Control::default();
-        let found = self.on_threads(&control, |Runtime { execution, control, .. }| {
-            rectify_views(&[pair], execution.level, control)
-        })?;
+        let found = self.on_threads(&control, |runtime| rectify_views(&[pair], runtime))?;
 
         let note = |sentence: String| Finding::new(Topic::Alignment, Severity::Note, sentence);
         let told = findings::rectification(&found).into_iter().map(note).collect();
@@ -412,38 +413,16 @@ impl Match {
         }
     }
 
-    /// The same with the columns of all maps in the other order.
-    fn mirrored(mut self) -> Self {
-        mirror(&mut self.disparity);
-        mirror(&mut self.flags);
-        self.confidence.iter_mut().for_each(mirror);
-        self.uncertainty.iter_mut().for_each(mirror);
-        self.support.iter_mut().for_each(mirror);
-        self
-    }
-
-    /// The same with the rows of all maps in the other order.
-    fn flipped(self) -> Self {
+    /// The same with the rows or the columns of all maps in the other order.
+    fn reversed(self, axis: Axis) -> Self {
         Self {
-            disparity: flipped(&self.disparity),
-            flags: flipped(&self.flags),
-            confidence: self.confidence.as_ref().map(flipped),
-            uncertainty: self.uncertainty.as_ref().map(flipped),
-            support: self.support.as_ref().map(flipped),
+            disparity: self.disparity.reversed(axis),
+            flags: self.flags.reversed(axis),
+            confidence: self.confidence.map(|plane| plane.reversed(axis)),
+            uncertainty: self.uncertainty.map(|plane| plane.reversed(axis)),
             ..self
         }
     }
-}
-
-fn mirror<T>(plane: &mut Plane<T>) {
-    for y in 0..plane.rows() {
-        plane.row_mut(y).reverse();
-    }
-}
-
-fn flipped<T: Copy>(plane: &Plane<T>) -> Plane<T> {
-    let (rows, cols) = (plane.rows(), plane.cols());
-    Plane::from_fn(rows, cols, |y, x| plane.row(rows - 1 - y)[x])
 }
 
 /// Two raw images, the right one at the size of the left one, and the sizes as they came.

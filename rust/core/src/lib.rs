@@ -28,6 +28,8 @@ mod preparation;
 mod rectification;
 mod scales;
 mod self_check;
+#[cfg(test)]
+mod testing;
 mod third_camera;
 mod verification;
 mod video;

@@ -47,7 +47,7 @@ pub fn turned(pair: Pair, facts: &Facts) -> Result<Pair> {
     if !facts.turns() || pair.is_turned() {
         return Ok(pair);
     }
-    let known = facts.searched().map_or((0, 1), |all| (all.min() as i64, all.count() as i64));
+    let known = facts.searched().map_or((0, 1), Candidates::numbers);
     pair.turned(known.0, known.1)
 }
 
@@ -147,10 +147,9 @@ fn along_columns(
 ) -> Result<Option<Ready>> {
     // Lines or a pattern that were repaired along rows cannot be repaired along columns.
     let is_as_it_came = before.even_rows == [false; 2] && before.shared_pattern.is_none();
-    let fits = facts
-        .searched()
-        .is_none_or(|all| Candidates::new(all.min() as i64, all.count() as i64, pair.size().0).is_ok());
-    if facts.axis.is_some() || !axis.is_along_columns() || !is_as_it_came || !fits {
+    let fits = |all: Candidates| Candidates::new(all.numbers().0, all.numbers().1, pair.size().0).is_ok();
+    let can_be = facts.axis.is_none() && facts.searched().is_none_or(fits);
+    if !can_be || !axis.is_along_columns() || !is_as_it_came {
         return Ok(None);
     }
 

@@ -29,6 +29,7 @@ use crate::preparation::channels::{Channels, Tone};
 use phasestereo_match::base::error::{Error, Result};
 use phasestereo_match::image::pixels::Input;
 use phasestereo_match::matcher::runtime::Runtime;
+use phasestereo_match::pair::candidates::Candidates;
 use phasestereo_match::pair::{Pair, is_same_type};
 use phasestereo_match::settings::Settings;
 
@@ -76,7 +77,7 @@ pub fn prepared_for_others(
 
     // The pair needs some range until its own is estimated.
     let known = facts.candidates.as_ref().map(|known| known.value);
-    let (min, count) = known.map_or((0, 1), |all| (all.min() as i64, all.count() as i64));
+    let (min, count) = known.map_or((0, 1), Candidates::numbers);
     let pair = Pair::of_any(inputs.clone(), min, count)?;
     // Other matchers search rows.
     let facts = &facts.along_rows();
@@ -109,7 +110,7 @@ pub fn prepared_as(
     let images = [made(0)?, made(1)?];
 
     let candidates = ready.prepared.estimates.candidates.value;
-    let last = candidates.disparity(candidates.count() - 1) as i64;
+    let last = candidates.max() as i64;
     Ok(Preparation {
         images,
         changed,
@@ -122,8 +123,7 @@ pub fn prepared_as(
 /// By how much disparities grow, and by what images are reduced.
 fn placement(estimates: &Estimates, max_disparity: Option<i64>) -> Result<(i64, usize)> {
     let searched = estimates.candidates.value;
-    let low = searched.min() as i64;
-    let count = searched.count() as i64;
+    let (low, count) = searched.numbers();
 
     let is_given = !matches!(estimates.candidates.origin, Origin::Estimated);
     let shift = if low < 0 && (is_given || has_negative(estimates)) { -low } else { 0 };

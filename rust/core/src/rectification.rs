@@ -46,9 +46,9 @@ use phasestereo_match::base::error::{Error, Result};
 use phasestereo_match::base::linear::{Cholesky, Normal};
 use phasestereo_match::base::math;
 use phasestereo_match::base::plane::Plane;
-use phasestereo_match::base::simd::Level;
 use phasestereo_match::base::statistics::{deviation, median, quantile};
 use phasestereo_match::image::view::View;
+use phasestereo_match::matcher::runtime::Runtime;
 use phasestereo_match::pair::Pair;
 
 /// Wider images are reduced: their rows are found as exactly as in this many columns.
@@ -203,14 +203,14 @@ impl fmt::Display for Refusal {
 pub type Grays = [Plane<f32>; 2];
 
 /// Rectifies pairs of views of the same cameras, of which the right ones may be negatives.
-pub fn rectify_views(pairs: &[Pair], level: Level, control: &Control) -> Result<Rectification> {
+pub fn rectify_views(pairs: &[Pair], runtime: Runtime) -> Result<Rectification> {
     let mut grays = Vec::with_capacity(pairs.len());
     for pair in pairs {
         let [left, right] = pair.views();
-        grays.push([gray(left, control)?, gray(right, control)?]);
+        grays.push([gray(left, runtime.control)?, gray(right, runtime.control)?]);
     }
 
-    let refusal = match rectify(&grays, 1, Aim::ASKED, level, control)? {
+    let refusal = match rectify(&grays, 1, Aim::ASKED, runtime)? {
         Ok(found) => return Ok(found),
         Err(refusal) => refusal,
     };
@@ -218,7 +218,7 @@ pub fn rectify_views(pairs: &[Pair], level: Level, control: &Control) -> Result<
         for [_, right] in &mut grays {
             *right = right.map(|value| -value);
         }
-        if let Ok(found) = rectify(&grays, 1, Aim::ASKED, level, control)? {
+        if let Ok(found) = rectify(&grays, 1, Aim::ASKED, runtime)? {
             return Ok(Rectification { is_inverted: true, ..found });
         }
     }
@@ -245,8 +245,7 @@ pub fn rectify(
     pairs: &[Grays],
     least: usize,
     aim: Aim,
-    level: Level,
-    control: &Control,
+    runtime: Runtime,
 ) -> Result<std::result::Result<Rectification, Refusal>> {
     let (rows, cols) = (pairs[0][0].rows(), pairs[0][0].cols());
     let factor = least * cols.div_ceil(MOST_COLUMNS).max(1);
@@ -256,7 +255,7 @@ pub fn rectify(
     for [left, right] in pairs {
         reduced.push([smaller(left, factor)?, smaller(right, factor)?]);
     }
-    let found = rectify_small(&reduced, aim, level, control)?;
+    let found = rectify_small(&reduced, aim, runtime)?;
     Ok(found.map(|found| found.enlarged(factor, size)).map_err(|refusal| match refusal {
         Refusal::Rows(spread) => Refusal::Rows(spread * factor as f64),
         Refusal::Uncertain(error) => Refusal::Uncertain(error * factor as f64),
@@ -265,12 +264,12 @@ pub fn rectify(
 }
 
 /// The axis along which things move in a pair of gray images by their distance; `None`: they do not show it.
-pub fn shown_axis([left, right]: &Grays, level: Level, control: &Control) -> Result<Option<Axis>> {
+pub fn shown_axis([left, right]: &Grays, runtime: Runtime) -> Result<Option<Axis>> {
     let factor = left.cols().div_ceil(MOST_COLUMNS).max(1);
     let pair = [smaller(left, factor)?, smaller(right, factor)?];
-    let (size, [left, right]) = ((pair[0].rows(), pair[0].cols()), features(&pair, level, control)?);
-    let codes = [left.codes(0.0, level), right.codes(0.0, level)];
-    let found = matches::matched([&left, &right], [&codes[0], &codes[1]], size.1, level);
+    let (size, [left, right]) = (pair[0].size(), features(&pair, runtime)?);
+    let codes = [left.codes(0.0, runtime.level()), right.codes(0.0, runtime.level())];
+    let found = matches::matched([&left, &right], [&codes[0], &codes[1]], size.1, runtime.level());
     Ok(axis::axis(&found, size))
 }
 
@@ -285,8 +284,8 @@ fn smaller(image: &Plane<f32>, factor: usize) -> Result<Plane<f32>> {
 }
 
 /// The corners of both images.
-fn features(pair: &[Plane<f32>; 2], level: Level, control: &Control) -> Result<[Features; 2]> {
-    let of_side = |side: usize| Features::new(&pair[side], level, control);
+fn features(pair: &[Plane<f32>; 2], runtime: Runtime) -> Result<[Features; 2]> {
+    let of_side = |side: usize| Features::new(&pair[side], runtime);
     let (left, right) = rayon::join(|| of_side(0), || of_side(1));
     Ok([left?, right?])
 }
@@ -294,13 +293,12 @@ fn features(pair: &[Plane<f32>; 2], level: Level, control: &Control) -> Result<[
 fn rectify_small(
     pairs: &[Grays],
     aim: Aim,
-    level: Level,
-    control: &Control,
+    runtime: Runtime,
 ) -> Result<std::result::Result<Rectification, Refusal>> {
     let size = (pairs[0][0].rows(), pairs[0][0].cols());
     let (mut views, mut agreeing, mut refusal) = (vec![], vec![], None);
     for pair in pairs {
-        match matched(pair, level, control)? {
+        match matched(pair, runtime)? {
             Ok((matches, agree)) => {
                 views.push(Views { pair: pair.each_ref(), matches });
                 agreeing.extend(agree);
@@ -320,7 +318,7 @@ fn rectify_small(
         return Ok(Err(Refusal::NotNeeded));
     }
 
-    let found = refined(&views, starts, level, control)?;
+    let found = refined(&views, starts, runtime)?;
     if found.blocks.len() < LEAST_BLOCKS.1 {
         return Ok(Err(Refusal::Blocks(found.blocks.len())));
     }
@@ -357,22 +355,18 @@ impl Views<'_> {
 type Agreement = (Vec<CornerMatch>, Vec<bool>);
 
 /// Matches the corners of a pair, if enough of them agree.
-fn matched(
-    pair: &[Plane<f32>; 2],
-    level: Level,
-    control: &Control,
-) -> Result<std::result::Result<Agreement, Refusal>> {
+fn matched(pair: &[Plane<f32>; 2], runtime: Runtime) -> Result<std::result::Result<Agreement, Refusal>> {
     let cols = pair[0].cols();
-    let [left, right] = features(pair, level, control)?;
+    let [left, right] = features(pair, runtime)?;
     let corners = [left.places.len(), right.places.len()];
     if corners.iter().any(|count| *count < LEAST_CORNERS) {
         return Ok(Err(Refusal::Corners(corners)));
     }
 
-    let codes = left.codes(0.0, level);
+    let codes = left.codes(0.0, runtime.level());
     let turned = |turn: f64| {
-        let others = right.codes(turn.to_radians(), level);
-        let found = matches::matched([&left, &right], [&codes, &others], cols, level);
+        let others = right.codes(turn.to_radians(), runtime.level());
+        let found = matches::matched([&left, &right], [&codes, &others], cols, runtime.level());
         let agree = consensus::agreeing(&found, cols);
         (agree.iter().filter(|is_in| **is_in).count(), found, agree)
     };
@@ -415,10 +409,10 @@ struct Refined {
 
 /// Fits cameras to blocks, again and again, until they stay. The first of those that corners agree with find
 /// blocks; the ones by which these are most probable go on.
-fn refined(views: &[Views], starts: [(Cameras, f64); 3], level: Level, control: &Control) -> Result<Refined> {
+fn refined(views: &[Views], starts: [(Cameras, f64); 3], runtime: Runtime) -> Result<Refined> {
     let doubtful = DOUBTFUL.0.max(DOUBTFUL.1 * starts[0].0.size().1 as f64);
     let [(cameras, near), others @ ..] = starts;
-    let mut blocks = found(views, &cameras, near, level, control)?;
+    let mut blocks = found(views, &cameras, near, runtime)?;
     let mut best = Refined::new(views, cameras, near, blocks.clone());
     let mut is_sure = best.is_sure(doubtful);
     for (cameras, near) in others {
@@ -426,7 +420,7 @@ fn refined(views: &[Views], starts: [(Cameras, f64); 3], level: Level, control: 
             break;
         }
         if blocks.len() < LEAST_BLOCKS.0 {
-            blocks = found(views, &cameras, near, level, control)?;
+            blocks = found(views, &cameras, near, runtime)?;
         }
         let other = Refined::new(views, cameras, near, blocks.clone());
         is_sure = other.is_sure(doubtful);
@@ -439,7 +433,7 @@ fn refined(views: &[Views], starts: [(Cameras, f64); 3], level: Level, control: 
         if best.fit.as_ref().is_none_or(|fit| best.change < STILL * fit.spread) {
             break;
         }
-        let blocks = found(views, &best.cameras, best.near, level, control)?;
+        let blocks = found(views, &best.cameras, best.near, runtime)?;
         best = Refined::new(views, best.cameras, best.near, blocks);
     }
     Ok(best)
@@ -447,17 +441,11 @@ fn refined(views: &[Views], starts: [(Cameras, f64); 3], level: Level, control: 
 
 /// The blocks that are found in the images that these cameras rectify, whose corners agree if their rows are
 /// so near.
-fn found(
-    views: &[Views],
-    cameras: &Cameras,
-    near: f64,
-    level: Level,
-    control: &Control,
-) -> Result<Vec<Block>> {
+fn found(views: &[Views], cameras: &Cameras, near: f64, runtime: Runtime) -> Result<Vec<Block>> {
     let mut found = vec![];
     for views in views {
-        control.checkpoint()?;
-        found.extend(blocks::blocks(views.pair, cameras, &views.near(cameras, near), level)?);
+        runtime.control.checkpoint()?;
+        found.extend(blocks::blocks(views.pair, cameras, &views.near(cameras, near), runtime.level())?);
     }
     Ok(found)
 }
@@ -727,12 +715,14 @@ impl Raw {
 mod tests {
     use super::*;
     use crate::rectification::cameras::USUAL;
+    use crate::testing::{levels, on_a_thread};
+    use phasestereo_match::base::simd::Level;
 
     const SIZE: (usize, usize) = (300, 400);
 
     fn found(pair: &Grays, aim: Aim) -> std::result::Result<Rectification, Refusal> {
-        let control = Control::default();
-        rectify(std::slice::from_ref(pair), 1, aim, Level::best(), &control).expect("memory")
+        let pairs = std::slice::from_ref(pair);
+        on_a_thread(Level::best(), |runtime| rectify(pairs, 1, aim, runtime)).expect("memory")
     }
 
     /// The largest difference of rows, over the image, of what cameras see at the same place.
@@ -814,11 +804,12 @@ mod tests {
         let first = found(&pair, Aim::ASKED).expect("a pair").cameras;
 
         let pool = rayon::ThreadPoolBuilder::new().num_threads(3).build().expect("threads");
-        for (name, level) in Level::all() {
-            let Some(level) = level else { continue };
-            let control = Control::default();
-            let again = pool.install(|| rectify(std::slice::from_ref(&pair), 1, Aim::ASKED, level, &control));
-            assert_eq!(again.expect("memory").expect("a pair").cameras, first, "{name}");
+        for level in levels() {
+            let pairs = std::slice::from_ref(&pair);
+            let again = on_a_thread(level, |runtime| {
+                pool.install(|| rectify(pairs, 1, Aim::ASKED, runtime)).expect("memory").expect("a pair")
+            });
+            assert_eq!(again.cameras, first, "{}", level.name());
         }
     }
 }

@@ -79,18 +79,17 @@ pub fn match_over_scales(prepared: &Prepared, settings: &Settings, runtime: Runt
 
 /// Matches a pair by the settings that suit it, and decides over scales by those it was prepared from.
 fn decided(pair: &Pair, suited: &Settings, settings: &Settings, runtime: Runtime) -> Result<Disparity> {
-    let Runtime { execution, control, .. } = runtime;
     let mut map = matched(pair, suited, runtime)?;
 
     let started = Instant::now();
-    if let Some(doubt) = Doubt::of_map(&map, execution.level)?
+    if let Some(doubt) = Doubt::of_map(&map, runtime.level())?
         && doubt.share() > SOME
     {
         // Copies take about as long as the match, and planes less.
-        map.timings.is_cut_short = !control.has_time_for(map.timings.total());
+        map.timings.is_cut_short = !runtime.control.has_time_for(map.timings.total());
         if !map.timings.is_cut_short {
             decide(&mut map, doubt, pair, settings, runtime)?;
-            planes::draw(&mut map, pair, execution.level, control)?;
+            planes::draw(&mut map, pair, runtime)?;
         }
         choice::conclude(&mut map);
     }
@@ -100,10 +99,9 @@ fn decided(pair: &Pair, suited: &Settings, settings: &Settings, runtime: Runtime
 
 /// Draws planes into a map of a pair that others had a part in, as into that of a match.
 pub fn draw_planes(map: &mut Disparity, prepared: &Prepared, runtime: Runtime) -> Result<()> {
-    let Runtime { execution, control, .. } = runtime;
-    let doubt = Doubt::of_map(map, execution.level)?.map_or(0.0, |doubt| doubt.share());
+    let doubt = Doubt::of_map(map, runtime.level())?.map_or(0.0, |doubt| doubt.share());
     if prepared.settings.scales && doubt > SOME {
-        planes::draw(map, &prepared.pair, execution.level, control)?;
+        planes::draw(map, &prepared.pair, runtime)?;
     }
     Ok(())
 }
@@ -173,9 +171,9 @@ fn decide(
     let runtime = Runtime { control: &control, ..runtime };
     let Prepared { pair: copy, settings: suited, .. } = prepared_copy(copy, settings, runtime)?;
     let mut coarse = matched(&copy, &suited, runtime)?;
-    if let Some(doubt) = Doubt::of_map(&coarse, runtime.execution.level)? {
+    if let Some(doubt) = Doubt::of_map(&coarse, runtime.level())? {
         decide(&mut coarse, doubt, &copy, settings, runtime)?;
     }
 
-    choice::choose(map, &doubt, &coarse, runtime.execution.level)
+    choice::choose(map, &doubt, &coarse, runtime.level())
 }

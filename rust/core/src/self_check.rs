@@ -220,7 +220,7 @@ impl Case {
 
     fn cameras(&self, digest: &mut Digest, runtime: Runtime) -> Result<()> {
         let pair = Pair::of_inputs(pair(self.fault, self.size, 0), 0, 1)?;
-        let found = rectify_views(&[pair], runtime.execution.level, runtime.control)?;
+        let found = rectify_views(&[pair], runtime)?;
 
         for number in found.cameras.numbers().iter().chain(found.cameras.spreads()) {
             digest.add(number.to_bits().to_le_bytes());

@@ -18,9 +18,8 @@ use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::{Error, Result};
 use phasestereo_match::base::math;
 use phasestereo_match::base::plane::Plane;
+use phasestereo_match::choices::JUMP;
 
-/// Pixels of disparity: neighbors that differ by more are of different surfaces.
-const JOINED: f64 = 1.0;
 /// Pixels of the third camera that a left pixel covers at most, either way.
 const LARGEST: i32 = 64;
 /// Pixels: neighbors share an edge, which rounding must not open.
@@ -271,19 +270,13 @@ pub fn register(
     }
 
     let (missing, _) = nearest(&areas, depth, camera.size, |z| !z.is_finite(), control)?;
-    let holes = Plane::by_rows(camera.size, control, |y, row| {
-        for (x, hole) in row.iter_mut().enumerate() {
-            *hole = source.row(y)[x] < 0 && missing.row(y)[x] >= 0;
-        }
-    })?;
+    let is_hole = |y, x| source.row(y)[x] < 0 && missing.row(y)[x] >= 0;
+    let holes = Plane::by_pixels(camera.size, control, is_hole)?;
 
-    let (size, around) = ((depth.rows(), depth.cols()), with_background(seen.clone()));
-    let occluded = Plane::by_rows(camera.size, control, |y, row| {
-        for (x, occluded) in row.iter_mut().enumerate() {
-            let (z, is_known) = (around.row(y)[x], source.row(y)[x] >= 0 || holes.row(y)[x]);
-            let pixel = [x as f64, y as f64];
-            *occluded = !is_known && camera.is_in_left_view(pixel, z, left, size);
-        }
+    let (size, around) = (depth.size(), with_background(seen.clone()));
+    let occluded = Plane::by_pixels(camera.size, control, |y, x| {
+        let (z, is_known) = (around.row(y)[x], source.row(y)[x] >= 0 || holes.row(y)[x]);
+        !is_known && camera.is_in_left_view([x as f64, y as f64], z, left, size)
     })?;
     Ok(Registered { source, depth: seen, holes, occluded })
 }
@@ -295,37 +288,31 @@ fn areas(
     camera: &ThirdCamera,
     control: &Control,
 ) -> Result<Plane<Covered>> {
-    let size = (depth.rows(), depth.cols());
-    let seen: Plane<[f64; 3]> = Plane::by_rows(size, control, |y, row| {
-        for (x, (seen, z)) in row.iter_mut().zip(depth.row(y)).enumerate() {
-            let point = left.ray(x, y).map(|at| at * f64::from(*z));
-            *seen = camera.seen(point).unwrap_or([f64::NAN; 3]);
-        }
+    let size = depth.size();
+    let seen: Plane<[f64; 3]> = Plane::by_pixels(size, control, |y, x| {
+        let point = left.ray(x, y).map(|at| at * f64::from(depth.row(y)[x]));
+        camera.seen(point).unwrap_or([f64::NAN; 3])
     })?;
 
-    Plane::by_rows(size, control, |y, row| {
-        for (x, area) in row.iter_mut().enumerate() {
-            let [place @ .., z] = seen.row(y)[x];
-            if !z.is_finite() {
-                continue;
-            }
-            let ahead = f64::from(depth.row(y)[x]);
-            let half: Point = from_fn(|k| camera.focal[k] / left.focal[0] * (ahead / z) / 2.0);
-            let disparity = |z: f32| left.focal[0] * left.baseline / f64::from(z);
-            let way = |row: usize, col: usize| -> Option<Point> {
-                let off = (disparity(depth.row(row)[col]) - disparity(depth.row(y)[x])).abs();
-                let way = from_fn(|k| (seen.row(row)[col][k] - place[k]) / 2.0);
-                (off <= JOINED && way.iter().all(|way: &f64| way.is_finite())).then_some(way)
-            };
-            let along = [
-                [x.checked_sub(1).map(|x| (y, x)), (x + 1 < size.1).then_some((y, x + 1))],
-                [y.checked_sub(1).map(|y| (y, x)), (y + 1 < size.0).then_some((y + 1, x))],
-            ];
-            let ways = along.map(|sides| sides.map(|side| side.and_then(|(y, x)| way(y, x))));
-            *area = area_of([place[0], place[1]], z as f32, &ways, |axis| {
-                from_fn(|k| half[k] * camera.rotation[k][axis])
-            });
+    Plane::by_pixels(size, control, |y, x| {
+        let [place @ .., z] = seen.row(y)[x];
+        if !z.is_finite() {
+            return Covered::default();
         }
+        let ahead = f64::from(depth.row(y)[x]);
+        let half: Point = from_fn(|k| camera.focal[k] / left.focal[0] * (ahead / z) / 2.0);
+        let disparity = |z: f32| left.focal[0] * left.baseline / f64::from(z);
+        let way = |row: usize, col: usize| -> Option<Point> {
+            let off = (disparity(depth.row(row)[col]) - disparity(depth.row(y)[x])).abs();
+            let way = from_fn(|k| (seen.row(row)[col][k] - place[k]) / 2.0);
+            (off <= f64::from(JUMP) && way.iter().all(|way: &f64| way.is_finite())).then_some(way)
+        };
+        let along = [
+            [x.checked_sub(1).map(|x| (y, x)), (x + 1 < size.1).then_some((y, x + 1))],
+            [y.checked_sub(1).map(|y| (y, x)), (y + 1 < size.0).then_some((y + 1, x))],
+        ];
+        let ways = along.map(|sides| sides.map(|side| side.and_then(|(y, x)| way(y, x))));
+        area_of([place[0], place[1]], z as f32, &ways, |axis| from_fn(|k| half[k] * camera.rotation[k][axis]))
     })
 }
 
@@ -394,7 +381,7 @@ fn nearest(
 
 /// Depths with holes as deep as the farther side of each, along rows, then columns.
 fn with_background(mut depth: Plane<f32>) -> Plane<f32> {
-    let (rows, cols) = (depth.rows(), depth.cols());
+    let (rows, cols) = depth.size();
     for y in 0..rows {
         fill_line(depth.as_mut_slice(), y * cols, 1, cols);
     }

@@ -117,8 +117,7 @@ pub fn judged(
     let settings = Settings { confidence: true, ..settings.clone() };
     ready.prepared.settings.confidence = true;
     let size = ready.prepared.pair.size();
-    let Runtime { execution, control, .. } = runtime;
-    let claims = Claims::new(map, size, ready.raw.as_deref(), control)?;
+    let claims = Claims::new(map, size, ready.raw.as_deref(), runtime.control)?;
 
     let pair = ready.prepared.pair.clone();
     let costs = any_costs(&pair, &ready.prepared.settings, runtime)?;
@@ -130,11 +129,11 @@ pub fn judged(
     }
 
     let matched = ready.matched(&settings, runtime)?;
-    let traits = Traits::new(&claims.matched, matched.own(), &pair, execution.level, control)?;
-    let chances = judge::chances(&traits, execution.level, control)?;
-    let against = evidence::against(&claims.matched, matched.own(), &costs, execution.level, control)?;
+    let traits = Traits::new(&claims.matched, matched.own(), &pair, runtime)?;
+    let chances = judge::chances(&traits, runtime)?;
+    let against = evidence::against(&claims.matched, matched.own(), &costs, runtime)?;
     let test = Test { map: &claims.matched, own: matched.own(), against: &against };
-    let (verdicts, counts) = test.judge(execution.level, control)?;
+    let (verdicts, counts) = test.judge(runtime)?;
 
     let mut verdicts = claims.raw(verdicts, verdict::NO_CLAIM);
     for (verdict, claim) in verdicts.as_mut_slice().iter_mut().zip(map.as_slice()) {
@@ -175,13 +174,11 @@ pub fn observe(
     let ready = made_ready(pair, &facts.along_rows(), &settings, runtime)?;
     let matched = ready.matched(&settings, runtime)?;
     let raw = matched.rectified.as_ref().map(|rectified| &*rectified.raw);
-    let Runtime { execution, control, .. } = runtime;
-
     let traits = |map| {
-        let claims = Claims::new(map, size, raw, control)?;
+        let claims = Claims::new(map, size, raw, runtime.control)?;
         let pair = &matched.prepared.pair;
-        let traits = Traits::new(&claims.matched, matched.own(), pair, execution.level, control)?;
-        let values = traits.by_rows(control, |traits, row: &mut [Values]| traits.write(row))?;
+        let traits = Traits::new(&claims.matched, matched.own(), pair, runtime)?;
+        let values = traits.by_rows(runtime.control, |traits, row: &mut [Values]| traits.write(row))?;
         Ok(claims.raw(values, [f32::NAN; TRAITS]))
     };
     let traits = maps.iter().map(traits).collect::<Result<_>>()?;

@@ -278,9 +278,7 @@ fn rectify_pairs<'py>(
     let pairs = read.collect::<Result<Vec<Pair>>>()?;
 
     let pool = Pool::for_argument(&unmasked)?;
-    let found = supervised(py, &pool, pairs.len(), None, move |runtime| {
-        rectify_views(&pairs, runtime.execution.level, runtime.control)
-    })?;
+    let found = supervised(py, &pool, pairs.len(), None, move |runtime| rectify_views(&pairs, runtime))?;
 
     let matrices = objects::calibration(py, &found.cameras)?;
     Ok((matrices, found.error, findings::rectification(&found)))
@@ -457,7 +455,7 @@ fn find_roughness(
 ) -> Result<(u64, u64)> {
     let reader = Reader::new(read, size, read_search(&disparities)?, scale)?;
     let found = found_by_rows(py, size, &reader, move |source, runtime| {
-        source::roughness(source, impulses, runtime.execution.level, runtime.control)
+        source::roughness(source, impulses, runtime.level(), runtime.control)
     });
     let Roughness { sum, pairs } = found?;
     Ok((sum, pairs))
@@ -698,7 +696,7 @@ fn aggregate_volume<'py>(
     let window = Window::new((rows, cols), count, &settings, u16::MAX);
 
     let aggregated = supervised(py, &Pool::new(1)?, rows, None, move |runtime| {
-        aggregate(&costs, window, runtime.execution.level, runtime.control)
+        aggregate(&costs, window, runtime.level(), runtime.control)
     })?;
 
     let array = Array3::from_shape_vec((rows, cols, count), aggregated.into_vec());
@@ -718,14 +716,14 @@ fn optimize_volume<'py>(
     let penalties = Penalties { p1, p2 };
 
     let chosen = supervised(py, &Pool::new(1)?, rows, None, move |runtime| {
-        optimize(&costs, count, settings.optimizer, penalties, runtime.execution.level, runtime.control)
+        optimize(&costs, count, settings.optimizer, penalties, runtime.level(), runtime.control)
     })?;
 
     wrap(py, chosen)
 }
 
 fn wrap<T: Element>(py: Python<'_>, plane: Plane<T>) -> Result<Bound<'_, PyArray2<T>>> {
-    let (rows, cols) = (plane.rows(), plane.cols());
+    let (rows, cols) = plane.size();
     Ok(Array2::from_shape_vec((rows, cols), plane.into_vec()).map_err(internal)?.into_pyarray(py))
 }
 

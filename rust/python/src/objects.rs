@@ -303,12 +303,11 @@ fn blur_estimate<'py>(
     is_reused: bool,
 ) -> Result<Object<'py>> {
     let blurs = found.blurs.iter().map(|blur| blur_of(py, blur)).collect::<Result<Vec<_>>>()?;
-    let (rows, cols, labels) = found.labels;
 
     object!(py, "rig.blur", "BlurEstimate", [found: tile, certainty]
         noise: pair(found.noise), impulses: pair(found.impulses), coding: pair(found.coding),
         blurs: PyTuple::new(py, blurs)?, contrast: found.gain, reused: is_reused,
-        labels: wrap(py, Plane::from_vec(rows, cols, labels)?)?,
+        labels: wrap(py, found.labels)?,
         gain: contrast.map_or(f64::NAN, |curve| curve.gain),
         gamma: contrast.map_or(f64::NAN, |curve| curve.gamma)
     )

@@ -14,6 +14,8 @@ use phasestereo_match::image::convolution::Kernel;
 use phasestereo_match::image::intensity::level_planes;
 use phasestereo_match::image::pixels::{Image, Input};
 use phasestereo_match::image::view::{Mask, View};
+use phasestereo_match::matcher::runtime::Runtime;
+use phasestereo_match::matcher::{Execution, Matcher};
 use phasestereo_match::pair::blur_compensation::{BlurCompensation, MOST_CLASSES};
 use phasestereo_match::settings::presets::Preset;
 use phasestereo_match::settings::{CostKind, MOST_DISPARITIES, Optimizer, Precision, Settings, Taper};
@@ -43,6 +45,12 @@ pub fn random(cases: u32) -> ProptestConfig {
     let failure_persistence = None;
 
     ProptestConfig { cases, rng_seed, failure_persistence, max_shrink_iters: 200, ..<_>::default() }
+}
+
+/// Works with a matcher of so many threads.
+pub fn with_runtime<T>(threads: usize, level: Level, work: impl FnOnce(Runtime) -> T) -> T {
+    let (matcher, control) = (Matcher::new(threads).expect("threads"), Control::default());
+    work(Runtime { matcher: &matcher, execution: Execution { threads, level }, control: &control })
 }
 
 /// Every level that this machine has.

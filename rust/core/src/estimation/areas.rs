@@ -154,13 +154,6 @@ pub fn fine_areas(
     search.areas(tried, &search.nominated(tried, &doubtful, by)?)
 }
 
-/// The candidates of a span, cut to what the width of the copies allows.
-pub fn candidates((low, high): Span, cols: usize) -> Result<Candidates> {
-    let count = (high - low + 1).clamp(1, cols as isize);
-    let low = low.clamp(1 - cols as isize - (count - 1), cols as isize - 1);
-    Candidates::new(low as i64, count as i64, cols)
-}
-
 impl<'a> AreaSearch<'a> {
     fn new(
         copies: &'a Overview,
@@ -181,12 +174,12 @@ impl<'a> AreaSearch<'a> {
         let Runtime { execution, control, .. } = self.runtime;
         let [left, right] = &self.codes;
         let cols = left.cols();
-        let tried = candidates(tried, cols)?;
+        let tried = Candidates::of_span(tried, cols)?;
         let mut areas = connected(&self.outside(tried, blocks)?, cols);
         areas.retain(|members| members.len() >= LEAST_SIZE);
 
         // The same from the right image, where disparities are negative.
-        let mirrored = candidates((-tried.disparity(tried.count() - 1), -tried.min()), cols)?;
+        let mirrored = Candidates::of_span((-tried.max(), -tried.min()), cols)?;
         let back = ByteDistances::new([right, left], mirrored)?;
         let is_seen = |(at, found): &&Member| {
             let x = tried.column(at % cols, found.chosen.into(), cols);
@@ -228,7 +221,7 @@ impl<'a> AreaSearch<'a> {
     /// The pixels that cost much along the run, in blocks with enough of them, of those that see the middle
     /// of it. With `is_halved`, much is at most halfway to what unlike rows cost.
     fn doubtful(&self, guess: Guess, is_halved: bool) -> Result<Plane<bool>> {
-        let (rows, cols) = (self.codes[0].rows(), self.codes[0].cols());
+        let (rows, cols) = self.codes[0].size();
         let sums = self.guessed(guess)?;
 
         let middle = (self.run.0 + self.run.1).div_euclid(2);
@@ -271,7 +264,7 @@ impl<'a> AreaSearch<'a> {
     /// The median of the least sums along the run of rows that have nothing to do with each other.
     fn chance(&self) -> Result<usize> {
         let [left, right] = &self.codes;
-        let (rows, cols) = (left.rows(), left.cols());
+        let (rows, cols) = left.size();
         let (above, below) = right.as_slice().split_at(rows / 2 * cols);
         let other = Plane::from_vec(rows, cols, [below, above].concat())?;
         let least = self.along([left, &other], &Blocks::sampled(rows, cols))?;
@@ -301,8 +294,8 @@ impl<'a> AreaSearch<'a> {
 
     /// The least sums along the run in these blocks, 0 elsewhere.
     fn along(&self, codes: [&Plane<u8>; 2], blocks: &Blocks) -> Result<Plane<u8>> {
-        let (rows, cols) = (codes[0].rows(), codes[0].cols());
-        let costs = ByteDistances::new(codes, candidates(self.run, cols)?)?;
+        let (rows, cols) = codes[0].size();
+        let costs = ByteDistances::new(codes, Candidates::of_span(self.run, cols)?)?;
         let borders = Borders::new(&costs, cols, 0..0);
 
         let mut least = Plane::new(rows, cols)?;
@@ -314,7 +307,7 @@ impl<'a> AreaSearch<'a> {
                 let each = |y: usize, x: usize, sums: &[Lanes<u8>]| {
                     band[y * cols + x] = borders.least(sums, x)[0];
                 };
-                visit(self.runtime.execution.level, windows, each);
+                visit(self.runtime.level(), windows, each);
             }
             Ok(())
         })?;
@@ -325,7 +318,7 @@ impl<'a> AreaSearch<'a> {
     fn nominated(&self, tried: Span, doubtful: &Plane<bool>, by: usize) -> Result<Blocks> {
         let [left, right] = &self.codes;
         let cols = left.cols();
-        let tried = candidates(tried, cols)?;
+        let tried = Candidates::of_span(tried, cols)?;
         let costs = ByteDistances::new([left, right], tried)?;
         let borders = self.borders(&costs);
         let blocks = Blocks::of_larger(doubtful, by, (left.rows(), cols));
@@ -335,7 +328,7 @@ impl<'a> AreaSearch<'a> {
             self.runtime.control.checkpoint()?;
             let vote = |column: usize| {
                 let block = (row * BLOCK, column * BLOCK);
-                let sums = vote(self.runtime.execution.level, &costs, voters, block);
+                let sums = vote(self.runtime.level(), &costs, voters, block);
                 let found = borders.outside(&sums, block.1)?;
                 Some((row * blocks.cols + column, found))
             };
@@ -360,14 +353,14 @@ impl<'a> AreaSearch<'a> {
     /// Which of the candidates lie along the run.
     fn borders(&self, costs: &ByteDistances) -> Borders {
         let tried = costs.candidates();
-        let index = |disparity: isize| (disparity - tried.min()).clamp(0, tried.count() as isize) as usize;
-        Borders::new(costs, self.codes[0].cols(), index(self.run.0 - 1)..index(self.run.1 + 2))
+        let along = tried.index(self.run.0 - 1)..tried.index(self.run.1 + 2);
+        Borders::new(costs, self.codes[0].cols(), along)
     }
 
     /// The pixels of these blocks that stand out, row after row.
     fn outside(&self, tried: Candidates, blocks: &Blocks) -> Result<Vec<Member>> {
         let [left, right] = &self.codes;
-        let (rows, cols) = (left.rows(), left.cols());
+        let (rows, cols) = left.size();
         let costs = ByteDistances::new([left, right], tried)?;
         let borders = self.borders(&costs);
 
@@ -382,7 +375,7 @@ impl<'a> AreaSearch<'a> {
                     let one = borders.outside(sums, x);
                     found.extend(one.map(|one| ((top + y) * cols + x, one)));
                 };
-                visit(self.runtime.execution.level, windows, each);
+                visit(self.runtime.level(), windows, each);
             }
             found.sort_unstable_by_key(|(at, _)| *at);
             Ok(found)
@@ -399,10 +392,8 @@ pub fn codes_of(copies: &Overview, field: Option<&Alignment>, runtime: Runtime) 
     both(|side| {
         let plane = &copies.planes[side];
         let gray = match field {
-            Some(field) if side == 1 => {
-                rough_gray(&raised(plane, field, copies.factor, control)?, level, control)
-            }
-            _ => rough_gray(plane, level, control),
+            Some(field) if side == 1 => rough_gray(&raised(plane, field, copies.factor, control)?, runtime),
+            _ => rough_gray(plane, runtime),
         };
         describe_roughly(&gray?, &codes(), level, control)
     })

@@ -34,6 +34,7 @@ mod search;
 mod signature;
 mod spectrum;
 pub mod taps;
+mod tiles;
 mod transform;
 mod two_sided;
 
@@ -44,7 +45,7 @@ use std::ops::Range;
 use rayon::prelude::*;
 
 pub use self::bank::Side;
-use self::bank::bank;
+use self::bank::{Entry, bank};
 use self::bins::{SIDE, bins};
 use self::defects::Defects;
 use self::depth::{BlurByDepth, DEPTHS, Defocus};
@@ -61,9 +62,11 @@ pub use self::signature::BlurSignature;
 pub use self::spectrum::BlockPlace;
 use self::spectrum::{Cross, Powers, powers};
 use self::taps::Taps;
+use self::tiles::Tiling;
 use self::two_sided::{TwoSided, find_two_sided};
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::math;
+use phasestereo_match::base::plane::{Plane, around};
 use phasestereo_match::base::simd::Level;
 use phasestereo_match::base::statistics::ranked;
 use phasestereo_match::matcher::runtime::Runtime;
@@ -126,6 +129,14 @@ pub struct Blur {
 }
 
 impl Blur {
+    /// No blur.
+    pub(crate) const NONE: Self = Self { side: None, psf: None, taps: None, other: None };
+
+    /// That of one image by a function.
+    pub(crate) fn of(side: Side, psf: Psf) -> Self {
+        Self { side: Some(side), psf: Some(psf), taps: Some(psf.taps()), other: None }
+    }
+
     /// Whether there is no blur, or so slight a one that to give it to the sharper image, too, would cost
     /// more detail than the difference does: codes are of phase, which a symmetric blur leaves alone.
     pub fn is_slight(&self) -> bool {
@@ -148,8 +159,8 @@ impl Blur {
 pub struct Estimate {
     /// The kinds of blur, that of the largest area first; never empty.
     pub blurs: Vec<Blur>,
-    /// The kind of every tile: rows, columns, values row after row.
-    pub labels: (usize, usize, Vec<u8>),
+    /// The kind of every tile.
+    pub labels: Plane<u8>,
     /// Side of a tile, pixels.
     pub tile: usize,
     /// Certainty from 0 to 1: the share of the loss of the opposite assumption that the first kind avoids; of
@@ -171,10 +182,7 @@ pub struct Estimate {
 
 /// A grid of tiles, and the blocks about their centers.
 struct Grid {
-    /// Side of a tile, pixels.
-    step: usize,
-    rows: usize,
-    cols: usize,
+    tiling: Tiling,
     places: Vec<Option<BlockPlace>>,
     powers: Vec<Powers>,
 }
@@ -243,7 +251,7 @@ pub fn is_as_before(pair: &Pair, before: &BlurSignature, runtime: Runtime) -> Re
 
     let part = Part::new(0, Cow::Borrowed(pair), runtime)?;
     let images = part.grays.each_ref();
-    let powers = powers(images, &before.places, runtime.execution.level, runtime.control)?;
+    let powers = powers(images, &before.places, runtime)?;
     Ok(before.is_like(&BlurSignature::new(before.places.clone(), &powers, size)))
 }
 
@@ -351,7 +359,7 @@ impl<'a> BlurEstimation<'a> {
     }
 
     fn level(&self) -> Level {
-        self.runtime.execution.level
+        self.runtime.level()
     }
 
     /// The distance of the first blocks: so that there are enough of them, but not too many.
@@ -368,31 +376,23 @@ impl<'a> BlurEstimation<'a> {
 
     /// Tiles of `step` pixels, and the blocks about the centers of those that are wanted, by row and column.
     fn grid(&self, step: usize, is_wanted: impl Fn((usize, usize)) -> bool) -> Result<Grid> {
-        let (height, width) = self.size;
-        // The block about the center of a tile, moved inside the image.
-        let corner =
-            |tile: usize, length: usize| (tile * step + step / 2).saturating_sub(SIDE / 2).min(length - SIDE);
-
-        let (rows, cols) = (height.div_ceil(step), width.div_ceil(step));
-        let tops: Vec<usize> = (0..rows).map(|y| corner(y, height)).collect();
-
+        let tiling = Tiling::new(self.size, step);
         let mut places = vec![];
         let mut all_powers = vec![];
-        self.visit(&tops, ROUGHEST, |part, rough, rows| {
-            let tiles = rows.flat_map(|y| (0..cols).map(move |x| (y, x)));
-            let place = |(y, x): (usize, usize)| {
-                is_wanted((y, x)).then(|| part.place(rough, tops[y], corner(x, width)))?
-            };
+        self.visit(&tiling.tops(), ROUGHEST, |part, rough, rows| {
+            let tiles = rows.flat_map(|y| (0..tiling.cols).map(move |x| (y, x)));
+            let place =
+                |tile: (usize, usize)| is_wanted(tile).then(|| part.place(rough, tiling.corner(tile)))?;
             let new: Vec<_> = tiles.map(place).collect();
 
             let images = part.grays.each_ref();
             let local = part.local(new.iter().flatten());
-            all_powers.extend(powers(images, &local, self.level(), self.runtime.control)?);
+            all_powers.extend(powers(images, &local, self.runtime)?);
             places.extend(new);
             Ok(())
         })?;
 
-        Ok(Grid { step, rows, cols, places, powers: all_powers })
+        Ok(Grid { tiling, places, powers: all_powers })
     }
 
     /// The blurs of both images, if they explain all blocks together clearly better than any blur of one
@@ -426,20 +426,14 @@ impl<'a> BlurEstimation<'a> {
             return Ok(none);
         };
 
-        let [left, right] = BlurEvidence::of_both(&powers, noise, self.level());
-        let evidence = if side == Side::Left { left } else { right };
+        let evidence = &BlurEvidence::of_both(&powers, noise, self.level())[side.index()];
         // A blur of hardly any spread counts as no blur, unless no family explains the powers.
-        let refined = refine(&evidence, self.level());
+        let refined = refine(evidence, self.level());
         if refined.entry.psf.spread() < LEAST_SPREAD && refined.fit.loss <= DOUBTFUL {
             return Ok(none);
         }
 
-        let blur = Blur {
-            side: Some(side),
-            psf: Some(refined.entry.psf),
-            taps: Some(refined.entry.psf.taps()),
-            other: None,
-        };
+        let blur = Blur::of(side, refined.entry.psf);
         let family = FittedBlur { blur, response: refined.entry.response, fit: refined.fit, powers };
 
         // A measurement takes another match: only where the family is doubtful and there are enough blocks.
@@ -448,7 +442,7 @@ impl<'a> BlurEstimation<'a> {
             return Ok(family);
         }
 
-        self.measured(grid, tiles, &evidence, family)
+        self.measured(grid, tiles, evidence, family)
     }
 
     /// The kernel as it is measured, unless it explains the powers much worse than the family does.
@@ -474,14 +468,7 @@ impl<'a> BlurEstimation<'a> {
         self.visit(&rows, ROUGH, |part, (rough, _), visited| {
             let here = &rows[visited];
             let there = places.iter().filter(|place| here.contains(&place.top));
-            add_cross_spectra(
-                &part.grays,
-                rough,
-                &part.local(there),
-                &mut sums,
-                self.level(),
-                self.runtime.control,
-            )
+            add_cross_spectra(&part.grays, rough, &part.local(there), &mut sums, self.runtime)
         })?;
 
         let Some(taps) = measured(&sums, side, self.level()) else {
@@ -506,38 +493,29 @@ impl<'a> BlurEstimation<'a> {
         noise: [f32; 2],
     ) -> Result<Option<(Vec<FittedBlur>, RegionMap, f32)>> {
         let map = self.depths()?;
-        let (height, width) = self.size;
 
-        // The tiles of the grid with blocks, in the order of these, and the disparities at their centers.
-        let with_block = |tile: &usize| grid.places[*tile].is_some();
-        let tiles: Vec<usize> = (0..grid.places.len()).filter(with_block).collect();
-        let center = |tile: usize, length: usize| (tile * grid.step + grid.step / 2).min(length - 1);
-        let disparity = |tile: &usize| {
-            let (y, x) = (tile / grid.cols, tile % grid.cols);
-            map.at(center(y, height), center(x, width))
+        // What is known at the centers of the tiles with blocks, in the order of these.
+        let tiles = grid.with_block();
+        let at_centers = |known: fn(&Depths, (usize, usize)) -> f32| -> Vec<f32> {
+            let centers = tiles.iter().map(|tile| grid.tiling.center(grid.tiling.place(*tile)));
+            centers.map(|center| known(&map, center)).collect()
         };
-        let known: Vec<f32> = tiles.iter().map(disparity).collect();
-        let spread = |tile: &usize| {
-            let (y, x) = (tile / grid.cols, tile % grid.cols);
-            map.spread(center(y, height), center(x, width))
-        };
-        let spreads: Vec<f32> = tiles.iter().map(spread).collect();
+        let (known, spreads) = (at_centers(Depths::at), at_centers(Depths::spread));
         let apart = losses.mean_of_best();
         let Some(found) = BlurByDepth::new(blocks, &known, &spreads, apart, self.level()) else {
             return Ok(None);
         };
 
         // The disks that occur, each with the blocks of its disparities.
-        let disks: Vec<Defocus> = map.values.iter().map(|d| found.defocus(*d)).collect();
         let mut kinds: Vec<Defocus> = vec![];
-        let mut labels = vec![];
-        for disk in disks {
-            let known = kinds.iter().position(|known| *known == disk);
-            labels.push(known.unwrap_or(kinds.len()) as u8);
-            if known.is_none() {
+        let labels = map.values.map(|disparity| {
+            let disk = found.defocus(*disparity);
+            let known = kinds.iter().position(|known| *known == disk).unwrap_or(kinds.len());
+            if known == kinds.len() {
                 kinds.push(disk);
             }
-        }
+            known as u8
+        });
 
         let fitted = kinds.iter().map(|kind| {
             let members = tiles.iter().zip(&known).filter(|(_, d)| found.defocus(**d) == *kind);
@@ -545,32 +523,23 @@ impl<'a> BlurEstimation<'a> {
             let members = if members.is_empty() { &tiles } else { &members };
             FittedBlur::defocused(*kind, grid.together(members), noise, self.level())
         });
-        let map = RegionMap { rows: map.rows, cols: map.cols, labels, tile: map.tile };
-        Ok(Some((fitted.collect(), map, found.certainty)))
+        Ok(Some((fitted.collect(), RegionMap { labels, tile: map.tile }, found.certainty)))
     }
 
     /// The disparities of tiles; those without any have that of the tile before.
     fn depths(&self) -> Result<Depths> {
-        let (height, width) = self.size;
-        let tile = self.tile();
-        let (rows, cols) = (height.div_ceil(tile), width.div_ceil(tile));
-        let center = |index: usize, length: usize| (index * tile + tile / 2).min(length - 1);
-        let top = |y: usize| center(y, height).saturating_sub(SIDE / 2).min(height - SIDE);
-        let tops: Vec<usize> = (0..rows).map(top).collect();
-
+        let tiling = Tiling::new(self.size, self.tile());
         let mut values = vec![];
         let mut last = f32::NAN;
-        self.visit(&tops, DEPTHS, |_, (rough, first), visited| {
-            for y in visited {
-                for x in 0..cols {
-                    let found = rough.around(center(y, height) - first, center(x, width));
-                    last = found.unwrap_or(last);
-                    values.push(last);
-                }
+        self.visit(&tiling.tops(), DEPTHS, |_, (rough, first), visited| {
+            for tile in visited.flat_map(|y| (0..tiling.cols).map(move |x| (y, x))) {
+                let (y, x) = tiling.center(tile);
+                last = rough.around(y - first, x).unwrap_or(last);
+                values.push(last);
             }
             Ok(())
         })?;
-        Ok(Depths { rows, cols, tile, values })
+        Ok(Depths { values: Plane::from_vec(tiling.rows, tiling.cols, values)?, tile: tiling.side })
     }
 
     /// The side of the tiles of a map: the least one, unless there were too many of them.
@@ -594,20 +563,20 @@ impl<'a> BlurEstimation<'a> {
 
         let rough = first.losses(blocks, &choices, self.level());
         // The tile of the first grid under the center of a finer one.
-        let at = |length: usize| (length * tile + tile / 2) / first.step;
-        let around = |(y, x)| at(y).min(first.rows - 1) * first.cols + at(x).min(first.cols - 1);
+        let at = |length: usize| (length * tile + tile / 2) / first.tiling.side;
+        let around = |(y, x)| first.tiling.tile((at(y), at(x)));
         let grid = self.grid(tile, |place| rough.is_boundary(around(place)))?;
 
         let mut losses = grid.losses(&grid.blocks(noise, self.level()), &choices, self.level());
         for (index, tile) in losses.values.chunks_mut(choices.len()).enumerate() {
-            let coarse = around((index / grid.cols, index % grid.cols));
+            let coarse = around(grid.tiling.place(index));
             if !rough.is_boundary(coarse) {
                 tile.copy_from_slice(rough.of(coarse));
             }
         }
 
         let labels = losses.steadied().main_labels();
-        Ok(RegionMap { rows: grid.rows, cols: grid.cols, labels, tile })
+        Ok(RegionMap { labels: Plane::from_vec(grid.tiling.rows, grid.tiling.cols, labels)?, tile })
     }
 
     /// Standard deviations of noise of these powers, in units of the pixels.
@@ -626,7 +595,7 @@ impl<'a> BlurEstimation<'a> {
             gain: first.gain() * units,
             noise: self.in_units(noise),
             blurs: order.iter().map(|kind| kinds[*kind].blur.clone()).collect(),
-            labels: (map.rows, map.cols, map.labels),
+            labels: map.labels,
             tile: map.tile,
             impulses: [0.0; 2],
             coding: [0.0; 2],
@@ -638,7 +607,7 @@ impl<'a> BlurEstimation<'a> {
 impl AllBlocks {
     /// `None` where there are few blocks.
     fn new(grid: &Grid, noise: [f32; 2], level: Level) -> Option<Self> {
-        let tiles: Vec<usize> = (0..grid.places.len()).filter(|tile| grid.places[*tile].is_some()).collect();
+        let tiles = grid.with_block();
         if tiles.len() < LEAST_BLOCKS {
             return None;
         }
@@ -651,6 +620,11 @@ impl AllBlocks {
 }
 
 impl Grid {
+    /// The tiles with a block.
+    fn with_block(&self) -> Vec<usize> {
+        (0..self.places.len()).filter(|tile| self.places[*tile].is_some()).collect()
+    }
+
     /// The power of the noise of either image, from its quietest blocks.
     fn noise(&self) -> [f32; 2] {
         [0, 1].map(|side| {
@@ -677,13 +651,12 @@ impl Grid {
 
     /// The loss of each of all blurs on every tile; some blocks are not fitted to all of them.
     fn searched(&self, blocks: &[BlockPair], is_sharp: bool, level: Level) -> Losses {
-        let with_blocks = self.places.iter().enumerate().filter(|(_, place)| place.is_some());
         // Samples lie in every row, shifted by half a sample from row to row.
-        let is_sample = with_blocks.map(|(tile, _)| {
-            let (y, x) = (tile / self.cols, tile % self.cols);
+        let is_sample = |tile: usize| {
+            let (y, x) = self.tiling.place(tile);
             blocks.len() <= LEAST_SAMPLE * SAMPLE || (x + 2 * y).is_multiple_of(SAMPLE)
-        });
-        let is_sample: Vec<bool> = is_sample.collect();
+        };
+        let is_sample: Vec<bool> = self.with_block().into_iter().map(is_sample).collect();
 
         self.on_tiles(1 + 2 * bank().len(), searched(blocks, &is_sample, is_sharp, level))
     }
@@ -696,7 +669,7 @@ impl Grid {
             |place: &Option<BlockPlace>| place.and_then(|_| losses.next()).unwrap_or_else(|| unknown.clone());
 
         let values = self.places.iter().flat_map(of_tile).collect();
-        Losses { rows: self.rows, cols: self.cols, choices, values }
+        Losses { rows: self.tiling.rows, cols: self.tiling.cols, choices, values }
     }
 
     /// The mean powers of these tiles.
@@ -726,10 +699,9 @@ impl Grid {
 
 impl FittedBlur {
     fn unblurred(powers: &Powers, noise: [f32; 2], level: Level) -> Self {
-        let blur = Blur { side: None, psf: None, taps: None, other: None };
         let fit = BlockPair::new(powers, noise, level).none();
 
-        Self { blur, response: flat().clone(), fit, powers: powers.clone() }
+        Self { blur: Blur::NONE, response: flat().clone(), fit, powers: powers.clone() }
     }
 
     /// A disk of one image, or none.
@@ -738,12 +710,9 @@ impl FittedBlur {
             return Self::unblurred(&powers, noise, level);
         };
 
-        let psf = Psf::disk(radius);
-        let taps = psf.taps();
-        let response = response(&taps, level);
-        let fit = BlurEvidence::of_both(&powers, noise, level)[side.index()].fit(&response, level);
-        let blur = Blur { side: Some(side), psf: Some(psf), taps: Some(taps), other: None };
-        Self { blur, response, fit, powers }
+        let entry = Entry::new(Psf::disk(radius), level);
+        let fit = BlurEvidence::of_both(&powers, noise, level)[side.index()].fit(&entry.response, level);
+        Self { blur: Blur::of(side, entry.psf), response: entry.response, fit, powers }
     }
 
     /// The blurs of both images; the softer image is the one with the wider blur.
@@ -755,8 +724,7 @@ impl FittedBlur {
             (Side::Right, right, left)
         };
 
-        let blur =
-            Blur { side: Some(side), psf: Some(own.psf), taps: Some(own.psf.taps()), other: Some(other.psf) };
+        let blur = Blur { other: Some(other.psf), ..Blur::of(side, own.psf) };
         // Responses distinguish kinds on tiles, and this kind is the only one.
         Self { blur, response: own.response, fit: found.fits[side.index()], powers }
     }
@@ -795,52 +763,46 @@ fn merge(kinds: &mut Vec<FittedBlur>) {
     });
 }
 
-/// The disparities of square tiles, row after row.
+/// The disparities of square tiles.
 struct Depths {
-    rows: usize,
-    cols: usize,
+    values: Plane<f32>,
     tile: usize,
-    values: Vec<f32>,
 }
 
 impl Depths {
     /// The difference of the disparities of the tiles around a pixel.
-    fn spread(&self, y: usize, x: usize) -> f32 {
-        let around = |at: usize, count: usize| {
-            let tile = at / self.tile;
-            tile.saturating_sub(1)..(tile + 2).min(count)
-        };
-        let columns = around(x, self.cols);
-        let values = around(y, self.rows).flat_map(|row| &self.values[row * self.cols..][columns.clone()]);
+    fn spread(&self, (y, x): (usize, usize)) -> f32 {
+        let columns = around(x / self.tile, 1, self.values.cols());
+        let rows = around(y / self.tile, 1, self.values.rows());
+        let values = rows.flat_map(|row| &self.values.row(row)[columns.clone()]);
         let (low, high) =
             values.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), v| (low.min(*v), high.max(*v)));
         high - low
     }
 
     /// The disparity of the tile of a pixel.
-    fn at(&self, y: usize, x: usize) -> f32 {
-        self.values[y / self.tile * self.cols + x / self.tile]
+    fn at(&self, (y, x): (usize, usize)) -> f32 {
+        self.values.row(y / self.tile)[x / self.tile]
     }
 }
 
 /// The map of the kinds: the index of its kind for each tile.
 struct RegionMap {
-    rows: usize,
-    cols: usize,
-    labels: Vec<u8>,
+    labels: Plane<u8>,
     tile: usize,
 }
 
 impl RegionMap {
     fn uniform((rows, cols): (usize, usize)) -> Self {
-        Self { rows: 1, cols: 1, labels: vec![0], tile: rows.max(cols) }
+        Self { labels: Plane::from_fn(1, 1, |_, _| 0), tile: rows.max(cols) }
     }
 
     /// The geometric mean of the gains of the kinds over the tiles.
     fn mean_gain(&self, kinds: &[FittedBlur]) -> f64 {
         let logarithms: Vec<f64> = kinds.iter().map(|kind| math::ln(kind.gain())).collect();
-        let sum: f64 = self.labels.iter().map(|label| logarithms[usize::from(*label)]).sum();
-        math::exp(sum / self.labels.len() as f64)
+        let labels = self.labels.as_slice();
+        let sum: f64 = labels.iter().map(|label| logarithms[usize::from(*label)]).sum();
+        math::exp(sum / labels.len() as f64)
     }
 
     /// The map with its kinds numbered by falling area, without those of no tile, and the old numbers of
@@ -848,13 +810,13 @@ impl RegionMap {
     fn by_area(mut self, kinds: usize) -> (Self, Vec<usize>) {
         let mut areas = vec![0; kinds];
 
-        self.labels.iter().for_each(|label| areas[usize::from(*label)] += 1);
+        self.labels.as_slice().iter().for_each(|label| areas[usize::from(*label)] += 1);
         let mut order: Vec<usize> = (0..kinds).filter(|kind| areas[*kind] > 0).collect();
         order.sort_by_key(|kind| std::cmp::Reverse(areas[*kind]));
 
         let mut number = vec![0; kinds];
         order.iter().enumerate().for_each(|(index, kind)| number[*kind] = index as u8);
-        self.labels.iter_mut().for_each(|label| *label = number[usize::from(*label)]);
+        self.labels = self.labels.map(|label| number[usize::from(*label)]);
 
         (self, order)
     }
@@ -869,8 +831,8 @@ impl Estimate {
     /// The estimate where there is no evidence.
     pub fn unknown((rows, cols): (usize, usize)) -> Self {
         Self {
-            blurs: vec![Blur { side: None, psf: None, taps: None, other: None }],
-            labels: (1, 1, vec![0]),
+            blurs: vec![Blur::NONE],
+            labels: Plane::from_fn(1, 1, |_, _| 0),
             tile: rows.max(cols),
             certainty: 0.0,
             gain: 1.0,
@@ -888,9 +850,9 @@ mod tests {
 
     #[test]
     fn kinds_are_numbered_by_area_and_those_without_tiles_left_out() {
-        let map = RegionMap { rows: 1, cols: 6, labels: vec![3, 0, 0, 0, 3, 2], tile: 16 };
+        let labels = Plane::from_vec(1, 6, vec![3, 0, 0, 0, 3, 2]).expect("six");
 
-        let (map, order) = map.by_area(4);
-        assert_eq!((map.labels, order), (vec![1, 0, 0, 0, 1, 2], vec![0, 3, 2]));
+        let (map, order) = RegionMap { labels, tile: 16 }.by_area(4);
+        assert_eq!((map.labels.as_slice(), order), (&[1, 0, 0, 0, 1, 2][..], vec![0, 3, 2]));
     }
 }

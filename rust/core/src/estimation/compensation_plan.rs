@@ -76,7 +76,6 @@ impl CompensationPlan {
         }
 
         // The larger one of two sizes of neighborhoods has to stay within the limit, too.
-        let (rows, cols, labels) = &estimate.labels;
         let largest = LARGEST_WINDOW - (settings.largest_neighborhood() - settings.neighborhood);
         let growth = match () {
             () if is_slight || (!is_noisy && blurs.clone().all(is_narrow)) => 0,
@@ -92,7 +91,7 @@ impl CompensationPlan {
         Ok(Self {
             settings,
             kernels: estimate.blurs.iter().map(kernels).collect::<Result<_>>()?,
-            labels: Plane::from_vec(*rows, *cols, labels.clone())?,
+            labels: estimate.labels.clone(),
             tile: estimate.tile,
             ..plain
         })
@@ -191,15 +190,8 @@ mod tests {
     /// The plan for areas of blurs with these functions, beside areas without blur, and noise of this
     /// standard deviation in gray levels.
     fn plan(psfs: &[Psf], noise: f64) -> CompensationPlan {
-        let blur =
-            |psf: &Psf| Blur { side: Some(Side::Left), psf: Some(*psf), taps: Some(psf.taps()), other: None };
-        let none = Blur { side: None, psf: None, taps: None, other: None };
-
-        let estimate = Estimate {
-            blurs: psfs.iter().map(blur).chain([none]).collect(),
-            noise: [noise; 2],
-            ..Estimate::unknown((16, 16))
-        };
+        let blurs = psfs.iter().map(|psf| Blur::of(Side::Left, *psf)).chain([Blur::NONE]);
+        let estimate = Estimate { blurs: blurs.collect(), noise: [noise; 2], ..Estimate::unknown((16, 16)) };
 
         let settings = Settings { noise_threshold: 0.0, sizes: 1, ..Settings::default() };
         CompensationPlan::new(&estimate, None, 255.0, &settings).expect("legal")

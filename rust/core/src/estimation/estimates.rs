@@ -69,7 +69,7 @@ pub struct Estimates {
 impl Estimates {
     /// The disparities to search, half-open: those that were given, or else those that were found.
     pub fn disparities(&self) -> Range<i64> {
-        let (min, count) = (self.candidates.value.min() as i64, self.candidates.value.count() as i64);
+        let (min, count) = self.candidates.value.numbers();
         min..min + count
     }
 

@@ -4,7 +4,7 @@ use std::borrow::Cow;
 use std::ops::Range;
 
 use crate::estimation::blur::parts::{HALO, PairRows, Part, Strips};
-use crate::estimation::blur::rough::{match_reduced, raised, reduced};
+use crate::estimation::blur::rough::{match_reduced, raised, reduced, rough_settings};
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::plane::Plane;
@@ -15,8 +15,7 @@ use phasestereo_match::pair::Pair;
 use phasestereo_match::pair::alignment::{Alignment, TERMS};
 use phasestereo_match::pair::candidates::Candidates;
 use phasestereo_match::refinement::flag;
-use phasestereo_match::settings::presets::Preset;
-use phasestereo_match::settings::{Optimizer, Precision, Settings};
+use phasestereo_match::settings::Settings;
 
 /// Most columns of the reduced images: so few that all disparities can be tried, and that little is left of a
 /// blur of ten pixels.
@@ -60,23 +59,16 @@ pub const ROUGH: CopySettings = CopySettings { neighborhood: 9, window: 9, speck
 pub const FINE: CopySettings = CopySettings { neighborhood: 3, window: 5, speckle: 40, subpixel: true };
 
 impl CopySettings {
-    /// The settings of a rough match: along rows alone, with a left-right check, nothing filled or smoothed.
+    /// The settings of a rough match: with a left-right check, nothing filled or smoothed.
     pub fn settings(self) -> Settings {
         Settings {
-            neighborhood: self.neighborhood,
-            window: self.window,
-            frequencies: (1, 1),
-            precision: Precision::Byte,
-            optimizer: Optimizer::ScanlineOptimization,
-            shiftable: false,
             p1: 2.0,
             p2: 9.0,
             lr_check: Some(1),
             speckle_size: self.speckle,
-            subpixel: self.subpixel,
             fill: false,
             confidence: true,
-            ..Preset::Paper.settings()
+            ..rough_settings(self.neighborhood, self.window, self.subpixel)
         }
     }
 }
@@ -177,7 +169,7 @@ impl Overview {
             let skipped = visited.start - part.first / factor;
             let both = both(|side| {
                 let gray = &part.grays[side];
-                reduced(gray, factor, runtime.execution.level, runtime.control)
+                reduced(gray, factor, runtime)
             })?;
             for (side, reduced) in [&mut left, &mut right].into_iter().zip(both) {
                 let here = reduced.of_rows(skipped..skipped + visited.len()).into_vec();
@@ -322,28 +314,27 @@ impl Overview {
 
     /// The same, reduced to the width of [`Self::new`]; `None`: it has that width.
     pub fn usual(&self, runtime: Runtime) -> Result<Option<Self>> {
-        let by = reduction((self.valid.rows(), self.valid.cols()), WIDTH);
+        let by = reduction(self.valid.size(), WIDTH);
         (by > 1).then(|| self.reduced_by(by, runtime)).transpose()
     }
 
     /// The same, reduced by two more; `None` where these are the smallest copies.
     pub fn halved(&self, runtime: Runtime) -> Result<Option<Self>> {
-        let size = (self.valid.rows(), self.valid.cols());
+        let size = self.valid.size();
         let is_larger = reduction(size, COARSE_WIDTH) > 1;
         is_larger.then(|| self.reduced_by(2, runtime)).transpose()
     }
 
     /// The same, reduced still more, to this many columns.
     pub fn reduced(&self, width: usize, runtime: Runtime) -> Result<Self> {
-        self.reduced_by(reduction((self.valid.rows(), self.valid.cols()), width), runtime)
+        self.reduced_by(reduction(self.valid.size(), width), runtime)
     }
 
     /// The same, reduced by so much more.
     pub fn reduced_by(&self, by: usize, runtime: Runtime) -> Result<Self> {
-        let Runtime { execution, control, .. } = runtime;
-        let planes = both(|side| reduced(&self.planes[side], by, execution.level, control))?;
+        let planes = both(|side| reduced(&self.planes[side], by, runtime))?;
 
-        let (rows, cols) = (planes[0].rows(), planes[0].cols());
+        let (rows, cols) = planes[0].size();
         let valid = Plane::from_fn(rows, cols, |y, x| self.valid.row(y * by)[x * by]);
         Ok(Self { factor: self.factor * by, planes, valid })
     }
@@ -352,10 +343,7 @@ impl Overview {
     /// of two would take another run of lanes.
     pub fn span(&self, all: Candidates) -> Span {
         let factor = self.factor as isize;
-        let low = all.min();
-        let high = all.disparity(all.count() - 1);
-
-        (low.div_euclid(factor), high.div_euclid(factor))
+        (all.min().div_euclid(factor), all.max().div_euclid(factor))
     }
 
     /// The span of all disparities that are tried.

@@ -19,9 +19,10 @@
 
 use std::ops::Range;
 
-use super::areas::{BLOCK, Blocks, SAMPLED, Voters, candidates, codes_of, median, vote};
+use super::areas::{BLOCK, Blocks, SAMPLED, Voters, codes_of, median, vote};
 use super::overview::{Overview, Span};
 use phasestereo_match::base::error::Result;
+use phasestereo_match::base::plane::around;
 use phasestereo_match::cost::phase::ByteDistances;
 use phasestereo_match::matcher::runtime::Runtime;
 use phasestereo_match::pair::alignment::Alignment;
@@ -54,8 +55,8 @@ struct Count {
 pub fn periods(copies: &Overview, field: Option<&Alignment>, runtime: Runtime) -> Result<Option<Span>> {
     let codes = codes_of(copies, field, runtime)?;
     let [left, right] = &codes;
-    let (rows, cols) = (left.rows(), left.cols());
-    let tried = candidates(copies.widest(), cols)?;
+    let (rows, cols) = left.size();
+    let tried = Candidates::of_span(copies.widest(), cols)?;
     let costs = ByteDistances::new([left, right], tried)?;
     let voters = Voters { doubtful: &copies.valid, by: 1, rows, cols };
 
@@ -63,7 +64,7 @@ pub fn periods(copies: &Overview, field: Option<&Alignment>, runtime: Runtime) -
     let (mut judged, mut ambiguous) = (0, 0);
     for block in Blocks::sampled(rows, cols).places() {
         runtime.control.checkpoint()?;
-        let sums = vote(runtime.execution.level, &costs, voters, block);
+        let sums = vote(runtime.level(), &costs, voters, block);
         let seen = seen(tried, block.1..(block.1 + BLOCK).min(cols), cols);
         let Some(fits) = sums.as_flattened().get(seen.clone()).and_then(fitting) else { continue };
 
@@ -72,8 +73,7 @@ pub fn periods(copies: &Overview, field: Option<&Alignment>, runtime: Runtime) -
         for (at, count) in counts[seen].iter_mut().enumerate() {
             count.seen += 1;
             // Blocks at slightly unlike disparities have the same period.
-            let around = at.saturating_sub(1)..(at + 2).min(fits.len());
-            count.fits += usize::from(fits[around].contains(&true));
+            count.fits += usize::from(fits[around(at, 1, fits.len())].contains(&true));
         }
     }
 
@@ -83,9 +83,8 @@ pub fn periods(copies: &Overview, field: Option<&Alignment>, runtime: Runtime) -
 
 /// The candidates that all of these columns see.
 fn seen(tried: Candidates, columns: Range<usize>, cols: usize) -> Range<usize> {
-    let index = |disparity: isize| (disparity - tried.min()).clamp(0, tried.count() as isize) as usize;
     // Column x sees x + 1 - cols to x.
-    index(columns.end as isize - cols as isize)..index(columns.start as isize + 1)
+    tried.index(columns.end as isize - cols as isize)..tried.index(columns.start as isize + 1)
 }
 
 /// Where the sums of a block are nearly as small as the least one, if that is so at several places; `None`:

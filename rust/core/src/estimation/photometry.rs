@@ -139,7 +139,7 @@ impl Photometry {
         rows.visit(strips, runtime, |part, visited| {
             let of_strip = |top: &usize| {
                 runtime.control.checkpoint()?;
-                let level = runtime.execution.level;
+                let level = runtime.level();
                 let limits = |side| scales.limits(side, noise, disparities);
                 let side = |side| GrayExtremes::of_strip(part, side, *top, &limits(side), level);
                 Ok([side(0), side(1)])

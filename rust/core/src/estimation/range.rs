@@ -13,6 +13,7 @@ use super::periods::periods;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::plane::Plane;
 use phasestereo_match::base::statistics::ranked;
+use phasestereo_match::image::blocking::SIDE;
 use phasestereo_match::matcher::runtime::Runtime;
 use phasestereo_match::pair::Pair;
 use phasestereo_match::pair::alignment::Alignment;
@@ -55,8 +56,6 @@ const CERTAIN_FINE: u64 = 500;
 /// The same of areas that are farther than the run, which are not small. Without such things, areas in 50
 /// streams have up to 2400; with things of 125 x 44 px there, 12 000 and more.
 const CERTAIN_FARTHER: u64 = 5000;
-/// Side of the blocks of lossy compression, pixels.
-const CODED: isize = 8;
 /// By what factor steps between neighboring columns are larger at the borders of such blocks. Of 20 pairs,
 /// 0.87 to 1.04; under JPEG of quality 60 1.07 to 1.71, of quality 30 1.28 to 2.47.
 const BLOCKY: f64 = 1.06;
@@ -502,7 +501,7 @@ fn certain(
     let mut places: Vec<LeftOut> = found.iter().map(|area| LeftOut::new(area, factor)).collect();
     let coincides = |place: &LeftOut| {
         let last = place.high.ceil() as isize;
-        last.rem_euclid(CODED) <= last - place.low.floor() as isize
+        last.rem_euclid(SIDE as isize) <= last - place.low.floor() as isize
     };
     if places.iter().any(coincides) && is_blocky()? {
         places.retain(|place| !coincides(place));
@@ -512,7 +511,7 @@ fn certain(
 
 /// Whether copies show the borders of the blocks of lossy compression.
 fn is_blocky(finest: &Overview) -> bool {
-    let side = CODED as usize / finest.factor;
+    let side = SIDE / finest.factor;
     if side < 2 {
         return false;
     }
@@ -536,7 +535,7 @@ fn is_seen(area: &Area) -> bool {
 /// The places with disparities beyond the candidates.
 pub fn beyond(mut places: Vec<LeftOut>, candidates: Candidates) -> Vec<LeftOut> {
     let first = candidates.min() as f64 - 0.5;
-    let last = candidates.disparity(candidates.count() - 1) as f64 + 0.5;
+    let last = candidates.max() as f64 + 0.5;
 
     let middle = |place: &LeftOut| f64::midpoint(place.low, place.high);
     places.retain(|place| !(first..=last).contains(&middle(place)));
@@ -563,7 +562,7 @@ impl LeftOut {
 /// coefficients are shifts.
 pub fn is_identical(copies: &Overview) -> bool {
     let [left, right] = &copies.planes;
-    let (rows, cols) = (left.rows(), left.cols());
+    let (rows, cols) = left.size();
     let tile = |at: usize, length: usize| at * (length - 2) / TILES + 1..(at + 1) * (length - 2) / TILES + 1;
 
     (0..TILES * TILES).all(|number| {

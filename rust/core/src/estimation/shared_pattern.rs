@@ -44,8 +44,6 @@ const GAIN: f64 = 0.891;
 const SHIFTS: [isize; 5] = [0, -3, -2, 2, 3];
 /// Enough pixels: by chance, their means are off by 0.005.
 const ENOUGH: usize = 1 << 16;
-/// Most bits of the magnitude of a gray value whose detail is taken.
-const MOST_BITS: u32 = 15;
 /// Weights along an axis; their sum is 16.
 const WEIGHTS: [i32; 5] = [1, 4, 6, 4, 1];
 const WHOLE: i32 = 256;
@@ -58,7 +56,7 @@ pub fn removed(pair: &Pair) -> Result<Option<(Pair, f64)>> {
         return Ok(None);
     }
 
-    let grays = pair.views().map(short);
+    let grays = pair.views().map(|view| (view.gray(), view.scale().surplus()));
     let lead_here = lead(grays, (rows * cols / ENOUGH).max(1));
     if lead_here <= LEAST_LEAD {
         return Ok(None);
@@ -81,8 +79,7 @@ pub fn removed(pair: &Pair) -> Result<Option<(Pair, f64)>> {
     let common: Vec<f64> = both().map(|(a, b)| common(*a, *b)).collect();
 
     let inputs = [0, 1].map(|side| without(pair.views()[side], &common, levels[side]));
-    let candidates = pair.candidates();
-    let (min, count) = (candidates.min() as i64, candidates.count() as i64);
+    let (min, count) = pair.candidates().numbers();
     let clean = Pair::of_inputs(inputs, min, count)?;
     let unit = pair.views()[0].scale().level();
     Ok(Some((pair.with_views(clean.views().map(View::clone)), strength * unit)))
@@ -90,12 +87,6 @@ pub fn removed(pair: &Pair) -> Result<Option<(Pair, f64)>> {
 
 /// Gray values, and how many of their lowest bits are left out, so that sums over windows fit.
 type Short<'a> = (&'a Plane<i32>, u32);
-
-/// Gray values of at most 15 bits.
-fn short(view: &View) -> Short<'_> {
-    let bits = u32::BITS - view.scale().reach().leading_zeros();
-    (view.gray(), bits.saturating_sub(MOST_BITS))
-}
 
 /// The sums of squares.
 fn quarter((gray, surplus): Short) -> Plane<i32> {
@@ -108,7 +99,7 @@ fn quarter((gray, surplus): Short) -> Plane<i32> {
 
 /// By how much signs agree better at the same place than beside it, of one row in `every`.
 fn lead(grays: [Short; 2], every: usize) -> f64 {
-    let (rows, cols) = (grays[0].0.rows(), grays[0].0.cols());
+    let (rows, cols) = grays[0].0.size();
     let sampled: Vec<usize> = (2..rows.saturating_sub(2)).step_by(every).collect();
     let agreeing = |y: &usize| {
         let [left, right] = grays.map(|gray| signs(gray, *y));
@@ -220,7 +211,8 @@ mod tests {
             let (after, found) = removed(&before).expect("memory").expect("a pattern");
             assert!((found / strength - 1.0).abs() < 0.35, "{found} of {strength}");
 
-            let lead_of = |pair: &Pair| lead(pair.views().map(short), 1);
+            let lead_of =
+                |pair: &Pair| lead(pair.views().map(|view| (view.gray(), view.scale().surplus())), 1);
             assert!(lead_of(&after) < 0.3 * lead_of(&before), "{}", lead_of(&after));
             assert_eq!(after.candidates(), before.candidates());
         }

@@ -16,7 +16,7 @@ use std::borrow::Cow;
 use rayon::prelude::*;
 
 use crate::estimation::blur::parts::{PairRows, Part, Strips};
-use crate::estimation::blur::rough::{MASKED_SHARE, reduced};
+use crate::estimation::blur::rough::{is_mostly_valid, reduced};
 use crate::estimation::overview::Overview;
 use crate::estimation::registration::Peak;
 use phasestereo_match::base::error::Result;
@@ -91,7 +91,7 @@ pub fn follow(
         let end = seeds.partition_point(|seed| top(seed) <= wanted[wanted.len() - 1]);
 
         let copies = ReducedPair::new(part, overview, factor, runtime)?;
-        let here = |seed: &Seed| track(&copies, part, seed, runtime.execution.level);
+        let here = |seed: &Seed| track(&copies, part, seed, runtime.level());
 
         let tracks: Vec<Option<Track>> = seeds[first..end].par_iter().map(here).collect();
         found.extend(tracks.into_iter().flatten());
@@ -120,12 +120,7 @@ struct ReducedPair<'a> {
 
 impl<'a> ReducedPair<'a> {
     /// The copies of a part; those of the overview where it has this factor.
-    fn new(
-        part: &'a Part,
-        overview: &'a Overview,
-        factor: usize,
-        Runtime { execution, control, .. }: Runtime,
-    ) -> Result<Self> {
+    fn new(part: &'a Part, overview: &'a Overview, factor: usize, runtime: Runtime) -> Result<Self> {
         if factor == overview.factor {
             let planes = overview.planes.each_ref().map(Cow::Borrowed);
             return Ok(Self { planes, factor, first: 0 });
@@ -136,7 +131,7 @@ impl<'a> ReducedPair<'a> {
             if factor == 1 {
                 return Ok(Cow::Borrowed(plane));
             }
-            Ok(Cow::Owned(reduced(plane, factor, execution.level, control)?))
+            Ok(Cow::Owned(reduced(plane, factor, runtime)?))
         };
 
         let first = (part.first / factor) as isize;
@@ -179,7 +174,6 @@ fn track(copies: &ReducedPair, part: &Part, seed: &Seed, level: Level) -> Option
 
 /// Whether most pixels of a block are valid.
 fn is_valid(part: &Part, (x, y): (isize, isize), factor: usize, side: usize) -> bool {
-    let Some(mask) = part.pair.views()[side].mask() else { return true };
     let span = |at: isize, length: usize| {
         // The pixels of the image under the block, cut at the border.
         let half = (BLOCK / 2) as isize;
@@ -187,10 +181,9 @@ fn is_valid(part: &Part, (x, y): (isize, isize), factor: usize, side: usize) -> 
         end(at - half)..end(at + half)
     };
 
-    let (rows, cols) = (span(y, mask.rows()), span(x, mask.cols()));
-    let total = rows.len() * cols.len();
-    let masked = rows.flat_map(|y| &mask.row(y)[cols.clone()]).filter(|valid| !**valid).count();
-    masked * MASKED_SHARE <= total
+    let view = part.pair.views()[side];
+    let (rows, cols) = view.size();
+    is_mostly_valid(view, span(y, rows), span(x, cols))
 }
 
 /// Cuts a smoothed part about a place; `None` where it would leave the image.

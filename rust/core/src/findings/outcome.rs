@@ -165,16 +165,15 @@ fn ends(outcome: &Outcome) -> Vec<Measured> {
     }
 
     let candidates = estimates.candidates.value;
-    let (first, last) = (candidates.min(), candidates.disparity(candidates.count() - 1));
+    let (first, last) = (candidates.min(), candidates.max());
     let Summary { at_low, at_high, wrong, flagged, .. } = **summary;
     // What is infinitely far away lies at 0.
     let is_well = evaluated(FAILURES, |measure| measure(outcome)).is_empty() || at_low < AT_ZERO;
     let at_low = if first == 0 && is_well { 0.0 } else { at_low };
     let (share, end) = if at_low > at_high { (at_low, first) } else { (at_high, last) };
 
-    let is_found = estimates.range.as_ref().is_some_and(|range| {
-        (range.min, range.count) == (candidates.min() as i64, candidates.count() as i64)
-    });
+    let is_found =
+        estimates.range.as_ref().is_some_and(|range| (range.min, range.count) == candidates.numbers());
     let remedy = if is_found { "" } else { ", or leave num_disparities out" };
     // Wrong matches lie anywhere in the range, also at its ends.
     let by_chance = 2.0 * if wrong.is_nan() { flagged } else { wrong } / candidates.count() as f64;

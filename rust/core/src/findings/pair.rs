@@ -407,7 +407,7 @@ fn softer(known: &Known) -> Vec<Measured> {
     }
 
     // Disks of several radii in one image are one finding: they follow depth.
-    let (_, _, labels) = &found.labels;
+    let labels = found.labels.as_slice();
     let mut kinds: Vec<(Vec<&Blur>, f64)> = vec![];
     for (index, blur) in found.blurs.iter().enumerate() {
         let tiles = labels.iter().filter(|label| usize::from(**label) == index).count();

@@ -97,35 +97,9 @@ impl Image {
         Plane::from_fn(rows, cols, |y, x| self.0.is_valid(y, x))
     }
 
-    /// The image with its columns in the other order.
-    pub(crate) fn mirrored(mut self) -> Self {
-        match &mut self.0.image {
-            pixels::Image::U8(pixels) => mirror(pixels),
-            pixels::Image::U16(pixels) => mirror(pixels),
-            pixels::Image::F32(pixels) => mirror(pixels),
-            pixels::Image::F64(pixels) => mirror(pixels),
-        }
-        if let Some(mask) = &mut self.0.mask {
-            for y in 0..mask.rows() {
-                mask.row_mut(y).reverse();
-            }
-        }
-        self
-    }
-
-    /// The image with its rows in the other order.
-    pub(crate) fn flipped(mut self) -> Self {
-        match &mut self.0.image {
-            pixels::Image::U8(pixels) => flip(pixels),
-            pixels::Image::U16(pixels) => flip(pixels),
-            pixels::Image::F32(pixels) => flip(pixels),
-            pixels::Image::F64(pixels) => flip(pixels),
-        }
-        let mask = self.0.mask.as_ref();
-        let rows = self.0.size().0;
-        let flipped = mask.map(|mask| Plane::from_fn(rows, mask.cols(), |y, x| mask.row(rows - 1 - y)[x]));
-        self.0.mask = flipped;
-        self
+    /// The image with its rows or its columns in the other order.
+    pub(crate) fn reversed(&self, axis: Axis) -> Self {
+        Self(self.0.reversed(axis))
     }
 
     pub(crate) fn into_input(self) -> Input {
@@ -135,22 +109,6 @@ impl Image {
     pub(crate) fn of_input(input: Input) -> Self {
         Self(input)
     }
-}
-
-fn mirror<T: Clone>(pixels: &mut Array3<T>) {
-    let (_, cols, channels) = pixels.dim();
-    if !pixels.is_standard_layout() {
-        *pixels = pixels.as_standard_layout().into_owned();
-    }
-    for row in pixels.as_slice_mut().unwrap_or_default().chunks_exact_mut(cols * channels) {
-        row.reverse();
-        row.chunks_exact_mut(channels).for_each(<[T]>::reverse);
-    }
-}
-
-fn flip<T: Clone>(pixels: &mut Array3<T>) {
-    pixels.invert_axis(Axis(0));
-    *pixels = pixels.as_standard_layout().into_owned();
 }
 
 #[cfg(test)]

@@ -17,12 +17,11 @@ use crate::rectification::warp::raw_disparity;
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::{Error, Result};
 use phasestereo_match::base::plane::Plane;
+use phasestereo_match::choices::JUMP;
 
 /// Of a map of another size: most prepared columns for one of the map, and for one of the prepared images.
 const LARGEST_RATIO: f64 = 64.0;
 const SMALLEST_RATIO: f64 = 1.0 / 8.0;
-/// Values that differ by more lie on two sides of a jump, pixels of the map.
-const JUMP: f32 = 1.0;
 /// How a text begins.
 const HEAD: &str = "phasestereo back 1";
 /// Most rows or columns of an image in a text, most pixels, and most of what cameras are made of.
@@ -95,18 +94,16 @@ impl Back {
         let (factor, offset) = (self.factor, if side == 0 { self.shift } else { 0 });
         let last = (plane.cols() - 1) as i64;
         let share = 1.0 / (factor * factor) as f64;
-        Plane::by_rows(self.prepared_size(), control, |y, out: &mut [f64]| {
-            for (x, out) in out.iter_mut().enumerate() {
-                let mut sum = 0.0;
-                for y in y * factor..(y + 1) * factor {
-                    let row = plane.row(y.min(rows - 1));
-                    for x in x * factor..(x + 1) * factor {
-                        let at = x.min(cols - 1) as i64 - offset;
-                        sum += row[at.clamp(0, last) as usize];
-                    }
+        Plane::by_pixels(self.prepared_size(), control, |y, x| {
+            let mut sum = 0.0;
+            for y in y * factor..(y + 1) * factor {
+                let row = plane.row(y.min(rows - 1));
+                for x in x * factor..(x + 1) * factor {
+                    let at = x.min(cols - 1) as i64 - offset;
+                    sum += row[at.clamp(0, last) as usize];
                 }
-                *out = sum * share;
             }
+            sum * share
         })
     }
 
@@ -122,18 +119,15 @@ impl Back {
 
     /// The same as a map of the left image as it is matched: of the rectified one, if it was rectified.
     pub fn matched(&self, map: &Plane<f32>, control: &Control) -> Result<Plane<f32>> {
-        let ratio = self.ratio((map.rows(), map.cols()))?;
+        let ratio = self.ratio(map.size())?;
         let valid = self.valid();
         let (size, shift) = (self.size, self.shift);
 
-        Plane::by_rows(size, control, |y, row: &mut [f32]| {
-            for (x, out) in row.iter_mut().enumerate() {
-                let at = x as i64 + shift;
-                let is_valid = valid.as_ref().is_none_or(|valid| valid[y * size.1 + x]);
-                let value =
-                    if is_valid && at >= 0 { sampled(map, ratio, (y, at as usize)) } else { f32::NAN };
-                *out = if value.is_finite() { value - shift as f32 } else { f32::NAN };
-            }
+        Plane::by_pixels(size, control, |y, x| {
+            let at = x as i64 + shift;
+            let is_valid = valid.as_ref().is_none_or(|valid| valid[y * size.1 + x]);
+            let value = if is_valid && at >= 0 { sampled(map, ratio, (y, at as usize)) } else { f32::NAN };
+            if value.is_finite() { value - shift as f32 } else { f32::NAN }
         })
     }
 

@@ -196,7 +196,7 @@ fn left_classes(all: &BlurCompensation, size: (usize, usize), runtime: Runtime) 
 
 /// The classes of all pixels of the right image: those of the left pixels that are seen there.
 fn right_classes(left: &Plane<u8>, seen: &Seen) -> Result<Plane<u8>> {
-    let (rows, cols) = (seen.all.rows(), seen.all.cols());
+    let (rows, cols) = seen.all.size();
     let middle = |at: usize, last: usize| (at * seen.factor + seen.factor / 2).min(last - 1);
 
     let mut coarse = Plane::<u8>::new(rows, cols)?;

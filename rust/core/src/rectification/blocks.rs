@@ -23,7 +23,7 @@ use phasestereo_match::base::error::Result;
 use phasestereo_match::base::plane::Plane;
 use phasestereo_match::base::simd::{Level, leveled};
 use phasestereo_match::base::statistics::median;
-use phasestereo_match::image::window_sums::{Beyond, Windows};
+use phasestereo_match::image::window_sums::Windows;
 
 /// Number of corners that blocks are laid about, and how near they may be to the border.
 const CORNERS: usize = 2000;
@@ -75,7 +75,7 @@ pub fn blocks(
     level: Level,
 ) -> Result<Vec<Block>> {
     let [left, right] = [warped(pair[0], cameras, 0, level)?, warped(pair[1], cameras, 1, level)?];
-    let (rows, cols) = (left.rows(), left.cols());
+    let (rows, cols) = left.size();
     let found = corners(&gradients(&smoothed(&left, SMOOTHING[1], level)?, level)?, CORNERS, BORDER, level)?;
     let guesses = guesses(&found, cameras, matches);
 
@@ -203,12 +203,12 @@ fn keys(t: f32) -> [f32; 4] {
 
 /// The image with light and contrast taken out.
 fn even(image: &Plane<f32>, level: Level) -> Result<Plane<i16>> {
-    let size = (image.rows(), image.cols());
+    let size = image.size();
     let step = f64::from(STEPS[0]);
     // Sums of integers are exact, as doubles, too, which are added side by side.
     let gray = image.map(|value| (value * STEPS[0]).round().clamp(-4096.0, 4096.0));
 
-    let windows = Windows { size, radius: EVEN.0, beyond: Beyond::Nothing };
+    let windows = Windows::new(size, EVEN.0);
     let values = |y: usize| {
         let row = gray.row(y).iter().map(|value| f64::from(*value));
         row.map(|value| [value, value * value])
@@ -385,6 +385,7 @@ fn peak(surface: &[f64], [across, down]: [usize; 2]) -> Option<Located> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::testing::levels;
 
     fn noise(rows: usize, cols: usize, seed: usize) -> Plane<i16> {
         Plane::from_fn(rows, cols, |y, x| {
@@ -409,8 +410,8 @@ mod tests {
         let (image, search) = (noise(60, 60, 1), [4, 3]);
         let block = cut(&image, [20, 18], [SIDE; 2]);
         let area = cut(&image, [14, 15], [SIDE + 8, SIDE + 6]);
-        for (name, level) in Level::all() {
-            let Some(level) = level else { continue };
+        for level in levels() {
+            let name = level.name();
             let products = products(level, &block, &area, search);
             let found = correlate(level, &block, &area, &products, search);
             for (index, value) in found.iter().enumerate() {

@@ -157,12 +157,10 @@ impl Calibration {
         control: &Control,
     ) -> Result<Places> {
         let [[fx, _, cx], [_, fy, cy], _] = self.camera[camera];
-        Plane::by_rows(size, control, |y, row| {
-            for (x, place) in row.iter_mut().enumerate() {
-                let [x, y, z] = applied(inverse, [x as f64, y as f64, 1.0]);
-                let [x, y] = distorted(&self.distortion[camera], [x / z, y / z]);
-                *place = [(fx * x + cx) as f32, (fy * y + cy) as f32];
-            }
+        Plane::by_pixels(size, control, |y, x| {
+            let [x, y, z] = applied(inverse, [x as f64, y as f64, 1.0]);
+            let [x, y] = distorted(&self.distortion[camera], [x / z, y / z]);
+            [(fx * x + cx) as f32, (fy * y + cy) as f32]
         })
     }
 

@@ -17,11 +17,11 @@ use std::array::from_fn;
 
 use super::corners::{Corner, corners};
 use super::filters::{Kernel, gradients, reduced, smoothed};
-use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::math;
 use phasestereo_match::base::plane::Plane;
 use phasestereo_match::base::simd::{Level, leveled};
+use phasestereo_match::matcher::runtime::Runtime;
 
 /// Most columns of the first level.
 const COLUMNS: usize = 800;
@@ -69,15 +69,15 @@ pub struct Features {
 
 impl Features {
     /// The corners of an image with gray values from 0 to 255.
-    pub fn new(image: &Plane<f32>, level: Level, control: &Control) -> Result<Self> {
-        let (rows, cols) = (image.rows(), image.cols());
+    pub fn new(image: &Plane<f32>, runtime: Runtime) -> Result<Self> {
+        let (rows, cols) = image.size();
         let factor = cols.div_ceil(COLUMNS);
         let first = reduced(image, (rows / factor, cols / factor))?;
         let gaussian = Kernel::gaussian(SMOOTHING[1], DIRECTIONS);
         let mut features = Self { places: vec![], scales: vec![], levels: vec![], gaussian };
 
         for (scale, most) in LEVELS {
-            control.checkpoint()?;
+            runtime.control.checkpoint()?;
             let [rows_here, cols_here] =
                 [first.rows(), first.cols()].map(|side| (side as f64 * scale).round() as usize);
             if rows_here.min(cols_here) < LEAST_SIZE {
@@ -85,15 +85,15 @@ impl Features {
             }
 
             let smaller = reduced(&first, (rows_here, cols_here))?;
-            let smaller = smoothed(&smaller, SMOOTHING[0], level)?;
-            let gradients = gradients(&smaller, level)?;
-            let found = corners(&gradients, most, BORDER, level)?;
+            let smaller = smoothed(&smaller, SMOOTHING[0], runtime.level())?;
+            let gradients = gradients(&smaller, runtime.level())?;
+            let found = corners(&gradients, most, BORDER, runtime.level())?;
 
             let steps = [cols as f64 / cols_here as f64, rows as f64 / rows_here as f64];
             let place = |corner: &Corner| [0, 1].map(|axis| (corner.place[axis] + 0.5) * steps[axis] - 0.5);
             features.places.extend(found.iter().map(place));
             features.scales.resize(features.places.len(), steps[0]);
-            let energies = energies(&gradients, &features.gaussian, level)?;
+            let energies = energies(&gradients, &features.gaussian, runtime.level())?;
             features.levels.push((found, energies));
         }
 

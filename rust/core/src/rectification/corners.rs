@@ -38,7 +38,7 @@ pub struct Corner {
 /// spread evenly.
 pub fn corners(gradients: &[Plane<f32>; 2], most: usize, border: usize, level: Level) -> Result<Vec<Corner>> {
     let strength = strengths(gradients, level)?;
-    let (rows, cols) = (strength.rows(), strength.cols());
+    let (rows, cols) = strength.size();
     let border = border.max(RADIUS + 1);
 
     let mut cells = vec![vec![]; CELLS.0 * CELLS.1];
@@ -63,7 +63,7 @@ pub fn corners(gradients: &[Plane<f32>; 2], most: usize, border: usize, level: L
 }
 
 fn strengths([along, down]: &[Plane<f32>; 2], level: Level) -> Result<Plane<f32>> {
-    let (size, sum) = ((along.rows(), along.cols()), Kernel::sum(RADIUS));
+    let (size, sum) = (along.size(), Kernel::sum(RADIUS));
     let product = |one: &Plane<f32>, other: &Plane<f32>| {
         sum.along(size, level, |y, out| {
             for (out, (a, b)) in out.iter_mut().zip(one.row(y).iter().zip(other.row(y))) {

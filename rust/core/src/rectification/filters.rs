@@ -49,7 +49,7 @@ pub fn cropped(image: &Plane<f32>, factor: usize) -> Result<Plane<f32>> {
 
 /// The image reduced to this many rows and columns.
 pub fn reduced(image: &Plane<f32>, (rows, cols): (usize, usize)) -> Result<Plane<f32>> {
-    if (rows, cols) == (image.rows(), image.cols()) {
+    if (rows, cols) == image.size() {
         return Ok(image.clone());
     }
     let (above, beside) = (shares(image.rows(), rows), shares(image.cols(), cols));
@@ -171,7 +171,7 @@ impl Kernel {
 
 /// The image under a Gaussian of a standard deviation in pixels.
 pub fn smoothed(image: &Plane<f32>, sigma: f64, level: Level) -> Result<Plane<f32>> {
-    let (size, kernel) = ((image.rows(), image.cols()), Kernel::gaussian(sigma, 1));
+    let (size, kernel) = (image.size(), Kernel::gaussian(sigma, 1));
     let along = kernel.along(size, level, |y, out| out.copy_from_slice(image.row(y)))?;
     let mut out = Plane::new(size.0, size.1)?;
     for y in 0..size.0 {
@@ -211,7 +211,7 @@ fn mix_from(first: usize, weights: &[f32], middle: &[f32], sides: &[[&[f32]; 2]]
 
 /// The gradients along rows and along columns; 0 at the borders.
 pub fn gradients(image: &Plane<f32>, level: Level) -> Result<[Plane<f32>; 2]> {
-    let (rows, cols) = (image.rows(), image.cols());
+    let (rows, cols) = image.size();
     let (mut along, mut down) = (Plane::new(rows, cols)?, Plane::new(rows, cols)?);
 
     for y in 1..rows.saturating_sub(1) {

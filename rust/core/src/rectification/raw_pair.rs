@@ -115,7 +115,7 @@ fn attempt(
     let grays = [gray(left, control)?, gray(right, control)?];
     if !may_help {
         // Rows of one distance can be straightened, although they are off because of it.
-        let shown = shown_axis(&grays, runtime.execution.level, control)?;
+        let shown = shown_axis(&grays, runtime)?;
         let clear = shown.filter(|axis| axis.is_along_columns());
         return Ok(clear.map_or(Attempt::None, |axis| Attempt::Refused(Refusal::Axis(axis))));
     }
@@ -154,15 +154,15 @@ fn attempt(
 fn rectified_at_some_size(
     grays: &Grays,
     aim: Aim,
-    Runtime { execution, control, .. }: Runtime,
+    runtime: Runtime,
 ) -> Result<std::result::Result<Rectification, Refusal>> {
     let pairs = std::slice::from_ref(grays);
-    let found = rectify(pairs, 1, aim, execution.level, control)?;
+    let found = rectify(pairs, 1, aim, runtime)?;
     let Err(refusal) = found else { return Ok(found) };
     if let Refusal::Axis(_) | Refusal::NotNeeded = refusal {
         return Ok(Err(refusal));
     }
-    let again = rectify(pairs, 2, aim, execution.level, control)?;
+    let again = rectify(pairs, 2, aim, runtime)?;
     Ok(again.map_err(|_| refusal))
 }
 

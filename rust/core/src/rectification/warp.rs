@@ -48,11 +48,7 @@ pub enum Interpolation {
 /// The places of all pixels of the left (0) or the right image (1).
 pub fn places(cameras: &Cameras, camera: usize, size: (usize, usize), control: &Control) -> Result<Places> {
     let backward = cameras.backward(camera);
-    Plane::by_rows(size, control, |y, row| {
-        for (x, place) in row.iter_mut().enumerate() {
-            *place = backward.place([x as f64, y as f64]).map(|at| at as f32);
-        }
-    })
+    Plane::by_pixels(size, control, |y, x| backward.place([x as f64, y as f64]).map(|at| at as f32))
 }
 
 /// The rectified view.
@@ -100,17 +96,13 @@ impl Warp<'_> {
             let [x, y] = place.map(|at| at.round() as usize);
             is_inside && is_valid(y, x)
         };
-        Plane::by_rows((rows, cols), self.control, |y, row| {
-            for (valid, place) in row.iter_mut().zip(self.places.row(y)) {
-                *valid = is_seen(*place);
-            }
-        })
+        Plane::by_pixels((rows, cols), self.control, |y, x| is_seen(self.places.row(y)[x]))
     }
 }
 
 impl Resampler for Warp<'_> {
     fn size(&self) -> (usize, usize) {
-        (self.places.rows(), self.places.cols())
+        self.places.size()
     }
 
     fn resampled<T: Copy + Default + Send + Sync + Into<f64>>(
@@ -270,7 +262,7 @@ struct Claim {
 }
 
 fn claims(disparity_map: &Plane<f32>, cameras: &Cameras, control: &Control) -> Result<Plane<Claim>> {
-    let size @ (rows, cols) = (disparity_map.rows(), disparity_map.cols());
+    let size @ (rows, cols) = disparity_map.size();
     let backward = cameras.backward(1);
     Plane::by_rows(size, control, |y, out: &mut [Claim]| {
         for (index, out) in out.chunks_mut(LANES).enumerate() {
@@ -320,32 +312,25 @@ pub fn matched(
     places: &Places,
     control: &Control,
 ) -> Result<(Plane<f32>, RawPlaces)> {
-    let size @ (rows, cols) = (map.rows(), map.cols());
+    let size @ (rows, cols) = map.size();
     let inside = |[u, v]: [f64; 2]| {
         let is_inside = (0.0..cols as f64).contains(&u) && (0.0..rows as f64).contains(&v);
         is_inside.then_some((v as usize, u as usize))
     };
 
     let nowhere = RawPlace { index: (rows * cols) as u64, columns: f32::NAN };
-    let found: Plane<(f32, RawPlace)> = Plane::by_rows(size, control, |y, out| {
-        for (x, (out, claim)) in out.iter_mut().zip(map.row(y)).enumerate() {
-            let place = [x as f64, y as f64];
-            let pixel = inside(cameras.rectified(place, 0).map(f64::round));
-            let claim = rectified_claim(cameras, place, *claim);
-            *out = match pixel.zip(claim) {
-                Some(((v, u), [claim, columns])) => {
-                    (claim, RawPlace { index: (v * cols + u) as u64, columns })
-                }
-                None => (f32::NAN, nowhere),
-            };
+    let found: Plane<(f32, RawPlace)> = Plane::by_pixels(size, control, |y, x| {
+        let place = [x as f64, y as f64];
+        let pixel = inside(cameras.rectified(place, 0).map(f64::round));
+        match pixel.zip(rectified_claim(cameras, place, map.row(y)[x])) {
+            Some(((v, u), [claim, columns])) => (claim, RawPlace { index: (v * cols + u) as u64, columns }),
+            None => (f32::NAN, nowhere),
         }
     })?;
 
-    let mut matched = Plane::by_rows(size, control, |y, out: &mut [f32]| {
-        for (out, place) in out.iter_mut().zip(places.row(y)) {
-            let pixel = inside(place.map(|at| f64::from(at).round()));
-            *out = pixel.map_or(f32::NAN, |(v, u)| found.row(v)[u].0);
-        }
+    let mut matched = Plane::by_pixels(size, control, |y, x| {
+        let pixel = inside(places.row(y)[x].map(|at| f64::from(at).round()));
+        pixel.map_or(f32::NAN, |(v, u)| found.row(v)[u].0)
     })?;
     for (claim, place) in found.as_slice() {
         if let Some(out) = matched.as_mut_slice().get_mut(place.index as usize) {
@@ -408,11 +393,8 @@ fn sampled<T: Copy + Default + Send + Sync>(
     nowhere: T,
     control: &Control,
 ) -> Result<Plane<T>> {
-    Plane::by_rows((plane.rows(), plane.cols()), control, |y, out| {
-        for (value, claim) in out.iter_mut().zip(claims.row(y)) {
-            *value = plane.as_slice().get(claim.index as usize).copied().unwrap_or(nowhere);
-        }
-    })
+    let sample = |claim: Claim| plane.as_slice().get(claim.index as usize).copied().unwrap_or(nowhere);
+    Plane::by_pixels(plane.size(), control, |y, x| sample(claims.row(y)[x]))
 }
 
 #[cfg(test)]

@@ -23,6 +23,7 @@ use phasestereo_match::base::error::Result;
 use phasestereo_match::base::math::exp2;
 use phasestereo_match::base::plane::Plane;
 use phasestereo_match::base::simd::Level;
+use phasestereo_match::choices::JUMP;
 use phasestereo_match::image::window_sums::window_means;
 use phasestereo_match::matcher::Disparity;
 use phasestereo_match::refinement::flag;
@@ -45,9 +46,6 @@ const CHOSEN: (f32, f32) = (2.0, 1.25);
 /// come later.
 const HALVED: u16 = 1 << 12;
 const _: () = assert!(flag::COARSE < HALVED, "a flag in the bits that count");
-/// Largest difference between neighbors of a copy between which its disparities are interpolated, pixels
-/// there.
-const ONE_SURFACE: f32 = 1.0;
 
 /// The mean doubt around each pixel of a map.
 pub struct Doubt(Plane<f32>);
@@ -65,7 +63,7 @@ impl Doubt {
         doubt: impl Fn(f32) -> f32 + Sync,
         level: Level,
     ) -> Result<Self> {
-        let size = (confidence.rows(), confidence.cols());
+        let size = confidence.size();
         let doubts = |y: usize| confidence.row(y).iter().map(|confidence| doubt(*confidence));
 
         Ok(Self(window_means(size, radius, doubts, level)?))
@@ -195,7 +193,7 @@ impl Neighbors {
     /// The same for disparities, unless they are of several surfaces: then that of the nearest pixel.
     fn disparity(&self, plane: &Plane<f32>) -> f32 {
         let values = self.values(plane);
-        let is_one = values[1..].iter().all(|value| (value - values[0]).abs() <= ONE_SURFACE);
+        let is_one = values[1..].iter().all(|value| (value - values[0]).abs() <= JUMP);
 
         if is_one { self.mean(plane) } else { values[0] }
     }

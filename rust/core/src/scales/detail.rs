@@ -14,11 +14,11 @@
 
 use crate::scales::choices::{BLANK, BLANK_DEPTH, BLANK_LEAST, DETAIL_RADIUS, SMOOTH_RADIUS};
 use crate::scales::flat_areas::{grown, shrunk};
-use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::plane::{Plane, TASK_ROWS};
 use phasestereo_match::base::simd::{Level, leveled, whole};
-use phasestereo_match::image::window_sums::{Beyond, Windows};
+use phasestereo_match::image::window_sums::Windows;
+use phasestereo_match::matcher::runtime::Runtime;
 
 /// Parts of a step of gray values that a rest has.
 const PARTS: i32 = 16;
@@ -37,28 +37,23 @@ pub struct Detail {
 impl Detail {
     /// The detail of an image of gray values of 15 bits, which were rounded to multiples of this step; 0:
     /// floats.
-    pub fn new(gray: &Plane<i32>, rounding: f64, level: Level, control: &Control) -> Result<Self> {
-        let size = (gray.rows(), gray.cols());
-        let windows = |radius: usize| Windows { size, radius, beyond: Beyond::Nothing };
-
-        let means = windows(SMOOTH_RADIUS);
+    pub fn new(gray: &Plane<i32>, rounding: f64, runtime: Runtime) -> Result<Self> {
+        let size = gray.size();
+        let means = Windows::new(size, SMOOTH_RADIUS);
         let rest = Plane::by_bands(size, TASK_ROWS, |first, band| {
-            control.checkpoint()?;
+            runtime.control.checkpoint()?;
             let values = |y: usize| gray.row(y).iter().map(|gray| [*gray]);
-            means.write((first, band), values, |_, _, [sum]: [i32; 1]| sum, level)?;
+            means.write((first, band), values, |_, _, [sum]: [i32; 1]| sum, runtime.level())?;
             for (y, rests) in (first..).zip(band.chunks_exact_mut(size.1)) {
-                write_rests(level, means, y, gray.row(y), rests);
+                write_rests(runtime.level(), means, y, gray.row(y), rests);
             }
             Ok(())
         })?;
 
-        let around = windows(DETAIL_RADIUS);
-        let squares = Plane::by_bands(size, TASK_ROWS, |first, band| {
-            control.checkpoint()?;
-            let values = |y: usize| rest.row(y).iter().map(|rest| [(rest * rest) as u32]);
-            let mean = |y: usize, x: usize, [sum]: [u32; 1]| sum as f32 / around.pixels(y, x) as f32;
-            around.write((first, band), values, mean, level)
-        })?;
+        let around = Windows::new(size, DETAIL_RADIUS);
+        let values = |y: usize| rest.row(y).iter().map(|rest| [(rest * rest) as u32]);
+        let mean = |y: usize, x: usize, [sum]: [u32; 1]| sum as f32 / around.pixels(y, x) as f32;
+        let squares = around.plane(values, mean, runtime.level(), runtime.control)?;
 
         Ok(Self { squares, rounding: rounding * f64::from(PARTS) })
     }
@@ -76,15 +71,15 @@ impl Detail {
     }
 
     /// The pixels deep in blank areas; `None`: there are none.
-    pub fn blank(&self, level: Level, control: &Control) -> Result<Option<Plane<bool>>> {
+    pub fn blank(&self, runtime: Runtime) -> Result<Option<Plane<bool>>> {
         let blank = self.at_most(BLANK);
         if !blank.as_slice().contains(&true) {
             return Ok(None);
         }
 
-        let wide = shrunk(&blank, BLANK_LEAST, level, control)?;
-        let wide = grown(&wide, BLANK_LEAST, level, control)?;
-        shrunk(&wide, BLANK_DEPTH, level, control).map(Some)
+        let wide = shrunk(&blank, BLANK_LEAST, runtime)?;
+        let wide = grown(&wide, BLANK_LEAST, runtime)?;
+        shrunk(&wide, BLANK_DEPTH, runtime).map(Some)
     }
 }
 

@@ -9,23 +9,21 @@
 //! Both sides are in gray levels of the same image, so neither its contrast nor its unit matters. In a finely
 //! textured image the "noise" is texture, and flat is what has little of it.
 
-use std::borrow::Cow;
 use std::ops::Range;
 
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Result;
-use phasestereo_match::base::plane::{Plane, TASK_ROWS};
+use phasestereo_match::base::plane::{Plane, around};
 use phasestereo_match::base::simd::{Level, leveled};
 use phasestereo_match::base::statistics::median;
 use phasestereo_match::image::regions::{Connectivity, Region, Regions, Run};
-use phasestereo_match::image::window_sums::{Beyond, Windows};
+use phasestereo_match::image::window_sums::Windows;
+use phasestereo_match::matcher::runtime::Runtime;
 
 /// Least share of the image of an area.
 const LEAST_SHARE: f64 = 0.01;
 /// How far the window of the deviation reaches.
 const RADIUS: usize = 2;
-/// Most bits of the magnitude of a gray value.
-const MOST_BITS: u32 = 15;
 /// Pixels of a row that are looked at together for whether all of them are marked.
 const WHOLE: usize = 32;
 /// About this many pixels are sampled for the noise.
@@ -42,23 +40,14 @@ pub struct FlatArea {
     runs: Vec<(usize, Range<usize>)>,
 }
 
-/// Gray values of this reach with at most 15 bits, so that sums of their squares fit, and how many bits are
-/// lost.
-pub fn shortened(gray: &Plane<i32>, reach: u32) -> (Cow<'_, Plane<i32>>, u32) {
-    match (u32::BITS - reach.leading_zeros()).saturating_sub(MOST_BITS) {
-        0 => (Cow::Borrowed(gray), 0),
-        surplus => (Cow::Owned(gray.map(|gray| gray >> surplus)), surplus),
-    }
-}
-
 /// The large flat areas of an image of short gray values, from top to bottom.
-pub fn flat_areas(gray: &Plane<i32>, level: Level, control: &Control) -> Result<Vec<FlatArea>> {
+pub fn flat_areas(gray: &Plane<i32>, runtime: Runtime) -> Result<Vec<FlatArea>> {
     let least = LEAST_SHARE * (gray.rows() * gray.cols()) as f64;
-    let flat = flat(gray, level, control)?;
-    let opened = grown(&shrunk(&flat, 1, level, control)?, 1, level, control)?;
+    let flat = flat(gray, runtime)?;
+    let opened = grown(&shrunk(&flat, 1, runtime)?, 1, runtime)?;
     drop(flat);
 
-    large(&opened, least, control)
+    large(&opened, least, runtime.control)
 }
 
 impl FlatArea {
@@ -74,38 +63,33 @@ impl FlatArea {
         &self,
         (rows, cols): (&Range<usize>, &Range<usize>),
         radius: usize,
-        level: Level,
-        control: &Control,
+        runtime: Runtime,
     ) -> Result<Plane<bool>> {
         let mut marked = Plane::new(rows.len(), cols.len())?;
         for (y, run) in &self.runs {
             marked.row_mut(y - rows.start)[run.start - cols.start..run.end - cols.start].fill(true);
         }
 
-        grown(&marked, radius, level, control)
+        grown(&marked, radius, runtime)
     }
 }
 
 /// Which pixels are flat.
-fn flat(gray: &Plane<i32>, level: Level, control: &Control) -> Result<Plane<bool>> {
-    let (rows, cols) = (gray.rows(), gray.cols());
+fn flat(gray: &Plane<i32>, runtime: Runtime) -> Result<Plane<bool>> {
     let noise = noise(gray);
-    let windows = Windows { size: (rows, cols), radius: RADIUS, beyond: Beyond::Nothing };
+    let windows = Windows::new(gray.size(), RADIUS);
     let moments = |y: usize| gray.row(y).iter().map(|gray| i64::from(*gray)).map(|g| [g, g * g]);
 
-    Plane::by_bands((rows, cols), TASK_ROWS, |first, band| {
-        control.checkpoint()?;
-        let is_flat = |y: usize, x: usize, [sum, squares]: [i64; 2]| {
-            let count = i64::from(windows.pixels(y, x));
-            count * squares - sum * sum <= count * count * noise * noise
-        };
-        windows.write((first, band), moments, is_flat, level)
-    })
+    let is_flat = |y: usize, x: usize, [sum, squares]: [i64; 2]| {
+        let count = i64::from(windows.pixels(y, x));
+        count * squares - sum * sum <= count * count * noise * noise
+    };
+    windows.plane(moments, is_flat, runtime.level(), runtime.control)
 }
 
 /// The median magnitude of the Laplacian of an image.
 fn noise(gray: &Plane<i32>) -> i64 {
-    let (rows, cols) = (gray.rows(), gray.cols());
+    let (rows, cols) = gray.size();
     let step = (rows * cols / SAMPLES).max(1);
 
     let mut magnitudes: Vec<u32> = vec![];
@@ -120,26 +104,26 @@ fn noise(gray: &Plane<i32>) -> i64 {
 }
 
 /// The pixels around which all are marked, up to `radius` rows and columns away.
-pub fn shrunk(marked: &Plane<bool>, radius: usize, level: Level, control: &Control) -> Result<Plane<bool>> {
-    let lost = grown(&marked.map(|is_marked| !is_marked), radius, level, control)?;
+pub fn shrunk(marked: &Plane<bool>, radius: usize, runtime: Runtime) -> Result<Plane<bool>> {
+    let lost = grown(&marked.map(|is_marked| !is_marked), radius, runtime)?;
     Ok(lost.map(|is_lost| !is_lost))
 }
 
 /// The pixels that are at most `radius` rows and columns from a marked one.
-pub fn grown(marked: &Plane<bool>, radius: usize, level: Level, control: &Control) -> Result<Plane<bool>> {
-    let size = (marked.rows(), marked.cols());
+pub fn grown(marked: &Plane<bool>, radius: usize, runtime: Runtime) -> Result<Plane<bool>> {
+    let size = marked.size();
 
-    let along = Plane::by_rows(size, control, |y, near: &mut [bool]| {
+    let along = Plane::by_rows(size, runtime.control, |y, near: &mut [bool]| {
         let marked = marked.row(y);
         for shift in 0..=radius.min(size.1) {
-            mark_row(level, &mut near[shift..], marked);
-            mark_row(level, &mut *near, &marked[shift..]);
+            mark_row(runtime.level(), &mut near[shift..], marked);
+            mark_row(runtime.level(), &mut *near, &marked[shift..]);
         }
     })?;
 
-    Plane::by_rows(size, control, |y, near: &mut [bool]| {
-        for y in y.saturating_sub(radius)..(y + radius + 1).min(size.0) {
-            mark_row(level, &mut *near, along.row(y));
+    Plane::by_rows(size, runtime.control, |y, near: &mut [bool]| {
+        for y in around(y, radius, size.0) {
+            mark_row(runtime.level(), &mut *near, along.row(y));
         }
     })
 }
@@ -159,7 +143,7 @@ impl<'a> Connectivity for Marked<'a> {
     type Row = &'a [bool];
 
     fn size(&self) -> (usize, usize) {
-        (self.0.rows(), self.0.cols())
+        self.0.size()
     }
 
     fn row(&self, y: usize) -> &'a [bool] {

@@ -40,6 +40,7 @@
 //! An area without a plane may have wrong matches of hardly any detail. It gets a second attempt without
 //! faint pixels, which then are unseen, too, as far as they do not become the plane.
 
+use std::borrow::Cow;
 use std::iter;
 use std::ops::Range;
 
@@ -47,14 +48,15 @@ use rayon::prelude::*;
 
 use crate::scales::choices::{EVIDENCE_REACH, FAINT, GOES_ON, LEAST_AGREEING, OCCLUDER, OUTSIDE, UNSEEN};
 use crate::scales::detail::Detail;
-use crate::scales::flat_areas::{FlatArea, flat_areas, grown, shortened};
-use phasestereo_match::base::control::Control;
+use crate::scales::flat_areas::{FlatArea, flat_areas, grown};
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::plane::{Plane, zeroed};
 use phasestereo_match::base::simd::{Level, leveled, whole};
 use phasestereo_match::image::window_sums::window_means;
 use phasestereo_match::matcher::Disparity;
+use phasestereo_match::matcher::runtime::Runtime;
 use phasestereo_match::pair::Pair;
+use phasestereo_match::pair::source::widened;
 use phasestereo_match::refinement::flag;
 
 /// How far from an area pixels count for its plane.
@@ -112,32 +114,35 @@ struct Drawn {
 }
 
 /// Draws the planes of a pair into its map.
-pub fn draw(map: &mut Disparity, pair: &Pair, level: Level, control: &Control) -> Result<()> {
+pub fn draw(map: &mut Disparity, pair: &Pair, runtime: Runtime) -> Result<()> {
     let Some(confidence) = &map.confidence else { return Ok(()) };
     let [left, _] = pair.views();
-    let (gray, lost) = shortened(left.gray(), left.scale().reach());
-    let areas = flat_areas(&gray, level, control)?;
+    let lost = left.scale().surplus();
+    let gray = match lost {
+        0 => Cow::Borrowed(left.gray()),
+        _ => Cow::Owned(left.gray().map(|gray| gray >> lost)),
+    };
+    let areas = flat_areas(&gray, runtime)?;
     if areas.is_empty() {
         return Ok(());
     }
 
     // Whoever has floats may have rounded them anyhow.
     let rounding = left.scale().step().map_or(0.0, |step| left.scale().steps(step));
-    let detail = Detail::new(&gray, rounding / f64::from(1u32 << lost), level, control)?;
+    let detail = Detail::new(&gray, rounding / f64::from(1u32 << lost), runtime)?;
     drop(gray);
-    let blank = detail.blank(level, control)?;
+    let blank = detail.blank(runtime)?;
     let faint = detail.is_rounded().then(|| detail.at_most(FAINT));
     drop(detail);
     let scene = Scene {
         disparity: &map.disparity,
         flags: &map.flags,
         confidence,
-        around: means_around(confidence, level)?,
+        around: means_around(confidence, runtime.level())?,
         faint: None,
         // Nothing lies behind infinity.
         least: if pair.candidates().min() >= 0 { 0.0 } else { f32::NEG_INFINITY },
-        level,
-        control,
+        runtime,
     };
 
     // Every plane competes with the map as it was matched.
@@ -154,7 +159,7 @@ pub fn draw(map: &mut Disparity, pair: &Pair, level: Level, control: &Control) -
 
 /// Mean confidences of a few pixels.
 fn means_around(confidence: &Plane<f32>, level: Level) -> Result<Plane<f32>> {
-    let size = (confidence.rows(), confidence.cols());
+    let size = confidence.size();
     window_means(size, FEW, |y| confidence.row(y).iter().copied(), level)
 }
 
@@ -217,8 +222,7 @@ struct Scene<'a> {
     faint: Option<&'a Plane<bool>>,
     /// Least disparity.
     least: f32,
-    level: Level,
-    control: &'a Control,
+    runtime: Runtime<'a>,
 }
 
 /// An area with the pixels around it.
@@ -255,7 +259,7 @@ impl Scene<'_> {
         let mut confidence = Plane::new(faint.rows(), faint.cols())?;
         confidence.as_mut_slice().iter_mut().zip(bounded).for_each(|(to, from)| *to = from);
         drop(self.around);
-        let around = means_around(&confidence, self.level)?;
+        let around = means_around(&confidence, self.runtime.level())?;
         let scene = Scene { confidence: &confidence, around, faint: Some(&faint), ..self };
 
         let second: Result<Vec<_>> = without.par_iter().map(|area| scene.drawn(area)).collect();
@@ -280,10 +284,10 @@ impl Scene<'_> {
     fn drawn(&self, area: &FlatArea) -> Result<Option<Drawn>> {
         let frame = self.frame(area)?;
         let samples = self.samples(&frame)?;
-        let Some(surface) = Surface::of_samples(&samples, self.level) else { return Ok(None) };
+        let Some(surface) = Surface::of_samples(&samples, self.runtime.level()) else { return Ok(None) };
 
         let tiles = self.tiles(&frame, surface)?;
-        let size = (tiles.rows(), tiles.cols());
+        let size = tiles.size();
         let sum = |of: usize| tiles.as_slice().iter().map(|sums| f64::from(sums[of])).sum::<f64>();
         let whole = (sum(0) / sum(1)) as f32;
         if whole <= LEAST_AGREEING[usize::from(self.faint.is_some())] {
@@ -292,10 +296,10 @@ impl Scene<'_> {
 
         let nearby = |of: usize| {
             let sums = |y: usize| tiles.row(y).iter().map(move |sums| sums[of]);
-            window_means(size, NEARBY, sums, self.level)
+            window_means(size, NEARBY, sums, self.runtime.level())
         };
         let (agree, all) = (nearby(0)?, nearby(1)?);
-        let inside = area.near((&frame.rows, &frame.cols), DRAWN, self.level, self.control)?;
+        let inside = area.near((&frame.rows, &frame.cols), DRAWN, self.runtime)?;
 
         let (mut rows, mut chances) = (vec![], vec![]);
         let mut drawn = zeroed(frame.cols.len())?;
@@ -313,7 +317,7 @@ impl Scene<'_> {
             let place = (y, frame.cols.start);
             let (least, inside, chances) = (self.least, inside.row(row), &chances);
             let known = [disparity, own, around, chances];
-            draw_row(self.level, surface, place, known, inside, least, &mut drawn);
+            draw_row(self.runtime.level(), surface, place, known, inside, least, &mut drawn);
 
             let pixels = frame.cols.clone().zip(&drawn).filter(|(_, p)| **p > 0.0);
             let pixels: Vec<_> = pixels.map(|(x, p)| (x as u32, *p)).collect();
@@ -333,7 +337,7 @@ impl Scene<'_> {
     fn goes_on(&self, area: &FlatArea, surface: Surface) -> Result<bool> {
         let [from, to] = OUTSIDE;
         let (rows, cols) = self.wider(area, to);
-        let [near, far] = [from, to].map(|by| area.near((&rows, &cols), by, self.level, self.control));
+        let [near, far] = [from, to].map(|by| area.near((&rows, &cols), by, self.runtime));
         let (near, far) = (near?, far?);
 
         let (mut going_on, mut all) = (0u64, 0u64);
@@ -341,7 +345,8 @@ impl Scene<'_> {
             let known = [self.disparity, self.confidence].map(|plane| &plane.row(y)[cols.clone()]);
             let rings = [near.row(row), far.row(row)];
             let flags = &self.flags.row(y)[cols.clone()];
-            let [one, of] = count_going_on(self.level, surface, (y, cols.start), known, flags, rings);
+            let [one, of] =
+                count_going_on(self.runtime.level(), surface, (y, cols.start), known, flags, rings);
             going_on += u64::from(one);
             all += u64::from(of);
         }
@@ -355,7 +360,7 @@ impl Scene<'_> {
             let is_near = (self.disparity.row(y)[x] - drawn.surface.disparity(y, x)).abs() < 1.0;
             is_near && frame.weights.row(row)[col] > LEAST_WEIGHT
         });
-        let near = grown(&agreeing, EVIDENCE_REACH, self.level, self.control)?;
+        let near = grown(&agreeing, EVIDENCE_REACH, self.runtime)?;
 
         for (y, pixels) in &mut drawn.rows {
             let near = near.row(*y - frame.rows.start);
@@ -370,19 +375,18 @@ impl Scene<'_> {
 
     /// The rows and columns that hold an area and the pixels up to this distance around it.
     fn wider(&self, area: &FlatArea, by: usize) -> (Range<usize>, Range<usize>) {
-        let wider =
-            |range: &Range<usize>, most: usize| range.start.saturating_sub(by)..(range.end + by).min(most);
-        (wider(&area.rows, self.disparity.rows()), wider(&area.cols, self.disparity.cols()))
+        let (rows, cols) = self.disparity.size();
+        (widened(&area.rows, by, rows), widened(&area.cols, by, cols))
     }
 
     /// An area with the pixels that count for its plane.
     fn frame(&self, area: &FlatArea) -> Result<Surroundings> {
         let (rows, cols) = self.wider(area, RING);
-        let near = area.near((&rows, &cols), RING, self.level, self.control)?;
+        let near = area.near((&rows, &cols), RING, self.runtime)?;
         let size = (rows.len(), cols.len());
-        let weights = Plane::by_rows(size, self.control, |row, weights: &mut [f32]| {
+        let weights = Plane::by_rows(size, self.runtime.control, |row, weights: &mut [f32]| {
             let confidences = &self.confidence.row(rows.start + row)[cols.clone()];
-            weigh(self.level, confidences, near.row(row), weights);
+            weigh(self.runtime.level(), confidences, near.row(row), weights);
             if let Some(faint) = self.faint {
                 let faint = &faint.row(rows.start + row)[cols.clone()];
                 weights.iter_mut().zip(faint).filter(|(_, faint)| **faint).for_each(|(w, _)| *w = 0.0);
@@ -396,12 +400,12 @@ impl Scene<'_> {
     fn tiles(&self, frame: &Surroundings, surface: Surface) -> Result<Plane<[f32; 2]>> {
         let size = (frame.rows.len().div_ceil(TILE), frame.cols.len().div_ceil(TILE));
 
-        Plane::by_rows(size, self.control, |tile, means: &mut [[f32; 2]]| {
+        Plane::by_rows(size, self.runtime.control, |tile, means: &mut [[f32; 2]]| {
             for row in tile * TILE..((tile + 1) * TILE).min(frame.rows.len()) {
                 let y = frame.rows.start + row;
                 let disparity = &self.disparity.row(y)[frame.cols.clone()];
                 let (place, weights) = ((y, frame.cols.start), frame.weights.row(row));
-                add_to_tiles(self.level, surface, place, disparity, weights, means);
+                add_to_tiles(self.runtime.level(), surface, place, disparity, weights, means);
             }
         })
     }
@@ -410,7 +414,7 @@ impl Scene<'_> {
     fn samples(&self, frame: &Surroundings) -> Result<Vec<PlanePixel>> {
         let weights = frame.weights.as_slice();
         let mut sums = zeroed(weights.len().div_ceil(GROUP))?;
-        let pixels = sum_heavy(self.level, weights, &mut sums);
+        let pixels = sum_heavy(self.runtime.level(), weights, &mut sums);
         if pixels < LEAST_PIXELS {
             return Ok(vec![]);
         }

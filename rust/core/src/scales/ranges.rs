@@ -90,7 +90,7 @@ fn searched(rough: &Plane<f32>, [rows, cols]: [Range<usize>; 2], all: Candidates
     }
 
     // A disparity of the copy stands for two.
-    let index = |disparity: isize| (disparity - all.min()).clamp(0, all.count() as isize - 1) as usize;
+    let index = |disparity: isize| all.index(disparity).min(all.count() - 1);
     let first = index(2 * lowest as isize - MARGIN);
     let last = index(2 * highest as isize + 1 + MARGIN);
     Searched::holding(first, last, LEAST_RUNS, all.count())

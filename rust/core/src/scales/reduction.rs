@@ -24,7 +24,7 @@ pub fn halved(pair: &Pair) -> Option<Pair> {
         return None;
     }
 
-    let (low, high) = (candidates.min(), candidates.disparity(candidates.count() - 1));
+    let (low, high) = (candidates.min(), candidates.max());
     // Both ends lie within the range of the copy.
     let (low, high) = (low.div_euclid(2), -(-high).div_euclid(2));
     let count = (high - low + 1).min(cols as isize / 2);

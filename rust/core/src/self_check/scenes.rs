@@ -242,7 +242,7 @@ fn at(image: &GrayLevels, y: i32, x: i32) -> i32 {
 
 /// The image with other values.
 fn changed(image: &GrayLevels, value: impl Fn(i32, i32, i32) -> i32) -> GrayLevels {
-    gray((image.rows(), image.cols()), |y, x| value(y, x, at(image, y, x)))
+    gray(image.size(), |y, x| value(y, x, at(image, y, x)))
 }
 
 /// The image whose pixels are elsewhere.

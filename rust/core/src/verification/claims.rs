@@ -23,7 +23,7 @@ impl Claims {
         raw: Option<&Raw>,
         control: &Control,
     ) -> Result<Self> {
-        if (map.rows(), map.cols()) != (rows, cols) {
+        if map.size() != (rows, cols) {
             let got = format!("{} x {} pixels", map.rows(), map.cols());
             let accepts = format!("the size of the images, {rows} x {cols}");
             return Err(Error::value("disparity", got, accepts));

@@ -18,13 +18,12 @@
 //! small differences weigh as much as noise lets them. The costs of disparities between two candidates are
 //! interpolated.
 
-use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Result;
-use phasestereo_match::base::plane::{Plane, TASK_ROWS};
-use phasestereo_match::base::simd::Level;
+use phasestereo_match::base::plane::Plane;
 use phasestereo_match::cost::Costs;
-use phasestereo_match::image::window_sums::{Beyond, Windows};
+use phasestereo_match::image::window_sums::Windows;
 use phasestereo_match::matcher::Disparity;
+use phasestereo_match::matcher::runtime::Runtime;
 
 /// Parts of a pixel in which disparities are interpolated, so costs are in parts of a bit.
 pub const STEPS: u32 = 256;
@@ -46,28 +45,18 @@ struct Compared {
 
 /// The evidence against the claims of a map, bits per square root of the pixels, on the threads of the current
 /// pool; 0 where claim and own disparity agree or one is missing.
-pub fn against(
-    map: &Plane<f32>,
-    own: &Disparity,
-    costs: &Costs,
-    level: Level,
-    control: &Control,
-) -> Result<Plane<f32>> {
-    let size = (map.rows(), map.cols());
-    let compared = Plane::by_rows(size, control, |y, row| {
+pub fn against(map: &Plane<f32>, own: &Disparity, costs: &Costs, runtime: Runtime) -> Result<Plane<f32>> {
+    let size = map.size();
+    let compared = Plane::by_rows(size, runtime.control, |y, row| {
         let pixels = row.iter_mut().zip(map.row(y)).zip(own.disparity.row(y));
         for (x, ((out, claim), own)) in pixels.enumerate() {
             *out = Compared::of(costs, size.1, (y, x), *claim, *own);
         }
     })?;
 
-    let windows = Windows { size, radius: RADIUS, beyond: Beyond::Nothing };
-    Plane::by_bands(size, TASK_ROWS, |first, band| {
-        control.checkpoint()?;
-        let values = |y: usize| compared.row(y).iter().map(|one| one.by_side());
-        let strength = |y: usize, x: usize, sums| strength(compared.row(y)[x].side, sums);
-        windows.write((first, band), values, strength, level)
-    })
+    let values = |y: usize| compared.row(y).iter().map(|one| one.by_side());
+    let strength = |y: usize, x: usize, sums| strength(compared.row(y)[x].side, sums);
+    Windows::new(size, RADIUS).plane(values, strength, runtime.level(), runtime.control)
 }
 
 impl Compared {

@@ -16,13 +16,13 @@
 //! The own confidence does not know of the claim, so what becomes of it where both differ is learned, too. A
 //! claim that differs never makes it higher.
 
-use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::math::exp_single;
-use phasestereo_match::base::plane::{Plane, TASK_ROWS};
-use phasestereo_match::base::simd::{Level, whole};
-use phasestereo_match::image::window_sums::{Beyond, Windows};
+use phasestereo_match::base::plane::Plane;
+use phasestereo_match::base::simd::whole;
+use phasestereo_match::image::window_sums::Windows;
 use phasestereo_match::matcher::Disparity;
+use phasestereo_match::matcher::runtime::Runtime;
 use phasestereo_match::refinement::flag;
 
 use crate::verification::judge::{Chance, bar, kept};
@@ -40,8 +40,6 @@ const RADIUS: usize = 4;
 /// Steps of odds that are summed, and the largest ones: integers sum to the same in any order.
 const STEPS: f32 = 1024.0;
 const LARGEST: f32 = 10.0;
-/// Flags that hold of a claim, too: the right image does not see the pixel.
-const UNSEEN: u16 = flag::OUTSIDE | flag::MATCH_MASKED | flag::OCCLUDED;
 
 /// A pixel of a map.
 #[derive(Debug, Clone, Copy)]
@@ -59,21 +57,16 @@ pub fn fuse(
     claims: &Plane<f32>,
     chances: &Plane<Chance>,
     wrong: f64,
-    level: Level,
-    control: &Control,
+    runtime: Runtime,
 ) -> Result<Disparity> {
-    let size = (claims.rows(), claims.cols());
-    let windows = Windows { size, radius: RADIUS, beyond: Beyond::Nothing };
-    let ahead = Plane::by_bands(size, TASK_ROWS, |first, band| {
-        control.checkpoint()?;
-        let steps = |chance: &Chance| [whole(chance.ahead.clamp(-LARGEST, LARGEST) * STEPS)];
-        let values = |y: usize| chances.row(y).iter().map(steps);
-        windows.write((first, band), values, |_, _, [sum]: [i32; 1]| sum, level)
-    })?;
+    let steps = |chance: &Chance| [whole(chance.ahead.clamp(-LARGEST, LARGEST) * STEPS)];
+    let values = |y: usize| chances.row(y).iter().map(steps);
+    let windows = Windows::new(claims.size(), RADIUS);
+    let ahead = windows.plane(values, |_, _, [sum]: [i32; 1]| sum, runtime.level(), runtime.control)?;
 
     let share = if wrong > POOR { SHARE_IF_POOR } else { SHARE };
-    for y in 0..size.0 {
-        control.checkpoint()?;
+    for y in 0..claims.rows() {
+        runtime.control.checkpoint()?;
         let pixels = claims.row(y).iter().zip(chances.row(y)).zip(ahead.row(y));
         for (x, ((claim, chance), ahead)) in pixels.enumerate() {
             let own = MapPixel {
@@ -112,7 +105,8 @@ impl MapPixel {
         }
         let is_taken = if matched.is_nan() { confidence > 0.5 } else { is_better };
         if is_taken {
-            let flags = flags & UNSEEN | flag::SECOND;
+            // What the right image does not see holds of a claim, too.
+            let flags = flags & flag::UNSEEN | flag::SECOND;
             return Some(Self { disparity: claim, flags, confidence, bar: claimed_bar });
         }
         if matched.is_nan() {

@@ -69,7 +69,7 @@ pub struct Sample {
 impl Sample {
     /// A sample of the claims of a map.
     pub fn new(map: &Plane<f32>) -> Self {
-        let (rows, cols) = (map.rows(), map.cols());
+        let (rows, cols) = map.size();
         let [down, across] = [rows, cols].map(|length| length.div_ceil(SAMPLES));
 
         let places = (0..rows).step_by(down).flat_map(|y| {
@@ -139,7 +139,7 @@ pub fn widened(found: Candidates, map: &Plane<f32>) -> Candidates {
     let high = disparities().rev().scan(0, |passed, next| Some(beyond_few(passed, next))).flatten().next();
     let (Some(low), Some(high)) = (low, high) else { return found };
 
-    let (first, last) = (found.min() as i64, found.min() as i64 + found.count() as i64 - 1);
+    let (first, last) = (found.min() as i64, found.max() as i64);
     // Only claims beyond what was found need a margin of their own.
     let low = if low < first { low - MARGIN } else { first }.max(1 - cols as i64);
     let high = if high > last { high + MARGIN } else { last }.min(cols as i64 - 1);

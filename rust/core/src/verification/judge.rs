@@ -25,11 +25,11 @@ mod weights;
 
 use std::iter::zip;
 
-use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::math::exp_single;
 use phasestereo_match::base::plane::Plane;
 use phasestereo_match::base::simd::{Level, leveled};
+use phasestereo_match::matcher::runtime::Runtime;
 use phasestereo_match::refinement::{calibration, flag};
 
 use crate::verification::traits::{AGREES, LEAST, LOCAL, RowTraits, Stretch, TRAITS, Traits, WIDTH, odds};
@@ -39,7 +39,7 @@ pub const KNOTS: usize = 6;
 /// Cases with lines of their own.
 pub const CASES: usize = 3;
 /// Flags of pixels of which the own match knows nothing, or that the right image does not see.
-pub const UNSEEN: u16 = flag::MISSING | flag::OUTSIDE | flag::MATCH_MASKED | flag::OCCLUDED;
+pub const UNSEEN: u16 = flag::MISSING | flag::UNSEEN;
 
 /// Points of the lines of all traits.
 type Lines = [[f32; KNOTS]; TRAITS];
@@ -90,13 +90,13 @@ impl Default for Chance {
 }
 
 /// How likely all claims are right, on the threads of the current pool.
-pub fn chances(traits: &Traits, level: Level, control: &Control) -> Result<Plane<Chance>> {
+pub fn chances(traits: &Traits, runtime: Runtime) -> Result<Plane<Chance>> {
     let weights = &weights::WEIGHTS;
     let cases = weights.cases.each_ref().map(|learned| {
         (Sum::new(&learned.odds, &weights.places, &traits.pair), Line::of_bars(&learned.bars))
     });
     let ahead = Sum::new(&weights.ahead, &weights.places, &traits.pair);
-    traits.by_rows(control, |traits, row| judge_row(level, traits, &cases, &ahead, row))
+    traits.by_rows(runtime.control, |traits, row| judge_row(runtime.level(), traits, &cases, &ahead, row))
 }
 
 /// The error bar, pixels, of a disparity with this confidence and these flags where the match and the claim

@@ -43,14 +43,13 @@ pub enum Second {
 
 /// A match that is not turned back yet, with a second map taken in; and what there is to say of that.
 pub fn fused(matched: Matched, second: Second, runtime: Runtime) -> Result<(Matched, Vec<Finding>)> {
-    let Runtime { execution, control, .. } = runtime;
     let claims = match second.claims(&matched, runtime)? {
         Ok(claims) => claims,
         Err(finding) => return Ok((matched, vec![finding])),
     };
 
     let pair = &matched.prepared.pair;
-    let traits = Traits::new(&claims, matched.own(), pair, execution.level, control)?;
+    let traits = Traits::new(&claims, matched.own(), pair, runtime)?;
     let sample = Sample::new(&claims);
     let misreading = if traits.agreement() < READ_RIGHT {
         let costs = any_costs(pair, &matched.prepared.settings, runtime)?;
@@ -63,18 +62,18 @@ pub fn fused(matched: Matched, second: Second, runtime: Runtime) -> Result<(Matc
         return Ok((matched, said));
     }
 
-    let chances = judge::chances(&traits, execution.level, control)?;
+    let chances = judge::chances(&traits, runtime)?;
     let wrong = matched.summary().wrong;
     let Matched { map, prepared, rectified, .. } = matched;
     let (own, raw) = match rectified {
         Some(rectified) => (rectified.map, Some((rectified.raw, rectified.even_rows))),
         None => (map, None),
     };
-    let mut map = fuse(own, &claims, &chances, wrong, execution.level, control)?;
+    let mut map = fuse(own, &claims, &chances, wrong, runtime)?;
     draw_planes(&mut map, &prepared, runtime)?;
 
     let map = map.returned(&prepared.settings);
-    Ok((Matched::new(raw, map, prepared, control)?, said))
+    Ok((Matched::new(raw, map, prepared, runtime.control)?, said))
 }
 
 impl Second {

@@ -29,14 +29,16 @@
 use crate::verification::evidence::DIFFERENT;
 use crate::verification::hypotheses::right_column;
 use crate::verification::judge::UNSEEN;
+use crate::verification::traits::{self, RANGE, RightColumns};
 use crate::verification::{Counts, verdict};
-use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::math::ln;
-use phasestereo_match::base::plane::{Plane, TASK_ROWS, zeroed};
+use phasestereo_match::base::plane::{Plane, TASK_ROWS, around, zeroed};
 use phasestereo_match::base::simd::Level;
-use phasestereo_match::image::window_sums::{Beyond, Windows};
+use phasestereo_match::image::window_sums::Windows;
 use phasestereo_match::matcher::Disparity;
+use phasestereo_match::matcher::runtime::Runtime;
+use phasestereo_match::refinement::calibration::STEPS;
 
 const OFFSET: f64 = -1.95;
 const BY: f64 = 0.43;
@@ -54,13 +56,6 @@ const NEAR: f32 = 1.5;
 /// Least confidence of an own disparity that supports a claim.
 const CONFIDENT: f32 = 0.8;
 
-/// Pixels from the center to the side of the window in which confidences are averaged.
-const TRUST_RADIUS: usize = 4;
-/// The same of the window in which jumps are looked for.
-const JUMP_RADIUS: usize = 3;
-/// Steps of a confidence that is summed.
-const STEPS: f32 = (1 << 20) as f32;
-
 /// All that verdicts depend on; planes of one size.
 #[derive(Debug, Clone, Copy)]
 pub struct Test<'a> {
@@ -74,18 +69,16 @@ pub struct Test<'a> {
 
 impl Test<'_> {
     /// The verdicts and their numbers, on the threads of the current pool.
-    pub fn judge(&self, level: Level, control: &Control) -> Result<(Plane<u8>, Counts)> {
-        let (rows, cols) = (self.map.rows(), self.map.cols());
+    pub fn judge(&self, runtime: Runtime) -> Result<(Plane<u8>, Counts)> {
+        let (rows, cols) = self.map.size();
         let verdicts = Plane::by_bands((rows, cols), TASK_ROWS, |first, band: &mut [u8]| {
-            control.checkpoint()?;
-            let trust = self.trust(first..first + band.len() / cols, level)?;
-            let mut nearest = zeroed(cols)?;
-
+            runtime.control.checkpoint()?;
+            let trust = self.trust(first..first + band.len() / cols, runtime.level())?;
             let lines = band.chunks_exact_mut(cols).zip(trust.chunks_exact(cols));
             for (y, (line, trust)) in (first..).zip(lines) {
-                self.find_nearest(y, &mut nearest);
+                let right = RightColumns::new(self.map.row(y));
                 for (x, (out, trust)) in line.iter_mut().zip(trust).enumerate() {
-                    let hidden = if self.is_hidden(y, x, &nearest) { HIDDEN } else { 0.0 };
+                    let hidden = if right.is_hidden(x, self.map.row(y)[x]) { HIDDEN } else { 0.0 };
                     *out = self.verdict(y, x, OFFSET + TRUST * trust + hidden);
                 }
             }
@@ -114,24 +107,6 @@ impl Test<'_> {
         if is_supported { verdict::SUPPORTED } else { verdict::UNKNOWN }
     }
 
-    /// Finds the largest claim on every right pixel of a row, the nearest surface; minus infinity without
-    /// one.
-    fn find_nearest(&self, y: usize, nearest: &mut [f32]) {
-        nearest.fill(f32::NEG_INFINITY);
-        for (x, claim) in self.map.row(y).iter().enumerate() {
-            if let Some(column) = right_column(x, *claim, nearest.len()) {
-                nearest[column] = nearest[column].max(*claim);
-            }
-        }
-    }
-
-    /// Whether a nearer claim hides the one of a pixel.
-    fn is_hidden(&self, y: usize, x: usize, nearest: &[f32]) -> bool {
-        let claim = self.map.row(y)[x];
-        let column = right_column(x, claim, nearest.len());
-        column.is_some_and(|column| nearest[column] > claim + 1.0)
-    }
-
     /// What of the score depends on how claim and own disparity differ.
     fn score(&self, y: usize, x: usize, by: f32) -> f64 {
         let around = self.around(y, x);
@@ -147,11 +122,11 @@ impl Test<'_> {
     /// What claims and own disparities around a pixel are like.
     fn around(&self, y: usize, x: usize) -> Around {
         let (map, own) = (self.map, &self.own.disparity);
-        let columns = x.saturating_sub(JUMP_RADIUS)..(x + JUMP_RADIUS + 1).min(map.cols());
+        let columns = around(x, RANGE, map.cols());
         let claim = map.row(y)[x];
 
         let (mut low, mut high, mut nearest) = (claim, claim, f32::INFINITY);
-        for v in y.saturating_sub(JUMP_RADIUS)..(y + JUMP_RADIUS + 1).min(map.rows()) {
+        for v in around(y, RANGE, map.rows()) {
             let pixels = map.row(v)[columns.clone()].iter().zip(&own.row(v)[columns.clone()]);
             for (other, own) in pixels {
                 let other = if other.is_finite() { *other } else { claim };
@@ -165,8 +140,8 @@ impl Test<'_> {
 
     /// The logit of the mean confidence around the pixels of some rows.
     fn trust(&self, rows: std::ops::Range<usize>, level: Level) -> Result<Vec<f64>> {
-        let size = (self.map.rows(), self.map.cols());
-        let windows = Windows { size, radius: TRUST_RADIUS, beyond: Beyond::Nothing };
+        let size = self.map.size();
+        let windows = Windows::new(size, traits::NEAR);
         let mut trust = zeroed(rows.len() * size.1)?;
 
         let steps = |y: usize| (0..size.1).map(move |x| [(self.confidence(y, x) * STEPS) as i32]);

@@ -20,14 +20,15 @@
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::math::ln_single;
-use phasestereo_match::base::plane::{Plane, TASK_ROWS, zeroed};
+use phasestereo_match::base::plane::{Plane, TASK_ROWS, around, zeroed};
 use phasestereo_match::base::simd::{Level, leveled, whole};
 use phasestereo_match::image::texture::Roughness;
-use phasestereo_match::image::window_sums::{Beyond, Windows};
+use phasestereo_match::image::window_sums::Windows;
 use phasestereo_match::matcher::Disparity;
+use phasestereo_match::matcher::runtime::Runtime;
 use phasestereo_match::pair::Pair;
 use phasestereo_match::pair::blur_compensation::BlurCompensation;
-use phasestereo_match::refinement::calibration::FAILED;
+use phasestereo_match::refinement::calibration::{FAILED, STEPS};
 use phasestereo_match::refinement::flag;
 
 use crate::verification::hypotheses::right_column;
@@ -51,16 +52,14 @@ pub const AGREES: f32 = 1.0;
 pub const LEAST: f32 = 0.003;
 /// Pixels from the center to the side of small and large windows. Not swept, as those below: lines are
 /// learned for what they give.
-const NEAR: usize = 4;
+pub const NEAR: usize = 4;
 const FAR: usize = 15;
 /// The same of the windows in which ranges are looked for.
-const RANGE: usize = 3;
+pub const RANGE: usize = 3;
 /// Largest gap and range that count, pixels.
 const LARGEST: f32 = 20.0;
 /// The part of the mean difference of neighbors that is added before the logarithm is taken.
 const LEAST_TEXTURE: f32 = 0.05;
-/// Steps of a confidence of 1 that is summed.
-const STEPS: f32 = (1 << 20) as f32;
 
 /// What traits are computed from.
 #[derive(Debug)]
@@ -104,28 +103,48 @@ struct AroundRow {
     /// Ranges of the claims within 3 x 3 and 7 x 7 pixels, of the own disparities within 7 x 7, and the least
     /// difference of one of these from the claim.
     ranges: [Vec<f32>; 4],
-    /// The right column of each claim, and the nearest claim on each column.
+    right: RightColumns,
+}
+
+/// The right column of each claim of a row, and the nearest claim on each column: minus infinity without any.
+#[derive(Debug)]
+pub struct RightColumns {
     columns: Vec<Option<usize>>,
     nearest: Vec<f32>,
 }
 
+impl RightColumns {
+    /// Those of the claims of a row.
+    pub fn new(claims: &[f32]) -> Self {
+        let row = claims.iter().enumerate();
+        let columns: Vec<_> = row.map(|(x, claim)| right_column(x, *claim, claims.len())).collect();
+        let mut nearest = vec![f32::NEG_INFINITY; claims.len()];
+        for (column, claim) in columns.iter().zip(claims) {
+            if let Some(column) = column {
+                nearest[*column] = nearest[*column].max(*claim);
+            }
+        }
+        Self { columns, nearest }
+    }
+
+    /// Whether a nearer claim hides this one of column `x`.
+    #[inline(always)]
+    pub fn is_hidden(&self, x: usize, claim: f32) -> bool {
+        self.columns[x].is_some_and(|column| self.nearest[column] > claim + 1.0)
+    }
+}
+
 impl<'a> Traits<'a> {
     /// Those of the claims of a map beside an own match with confidences, on the threads of the current pool.
-    pub fn new(
-        map: &'a Plane<f32>,
-        own: &'a Disparity,
-        pair: &Pair,
-        level: Level,
-        control: &Control,
-    ) -> Result<Self> {
+    pub fn new(map: &'a Plane<f32>, own: &'a Disparity, pair: &Pair, runtime: Runtime) -> Result<Self> {
         let [left, _] = pair.views();
-        let summed = summed(map, own, left.gray(), control)?;
+        let summed = summed(map, own, left.gray(), runtime.control)?;
         let roughness = Roughness::of_rows(left.gray().as_slice(), left.size().1).mean();
         let noise = pair.blur_compensation().map_or([0.0; 2], BlurCompensation::noise);
         let noise = in_roughness(left.scale().steps(noise[0].max(noise[1])) as f32, roughness);
         let [sure, agree] = pair_traits(&summed);
 
-        Ok(Self { map, own, summed, roughness, pair: [sure, agree, noise], level })
+        Ok(Self { map, own, summed, roughness, pair: [sure, agree, noise], level: runtime.level() })
     }
 
     /// The share of the claims that agree with the own disparities.
@@ -139,7 +158,7 @@ impl<'a> Traits<'a> {
         control: &Control,
         write: impl Fn(&RowTraits<'_>, &mut [T]) + Sync,
     ) -> Result<Plane<T>> {
-        let size @ (_, cols) = (self.map.rows(), self.map.cols());
+        let size @ (_, cols) = self.map.size();
         // Sums of a few rows are used as long as they are in a cache.
         Plane::by_bands(size, TASK_ROWS, |first, band| {
             control.checkpoint()?;
@@ -148,9 +167,9 @@ impl<'a> Traits<'a> {
             // Four sums fill a register.
             let values = |y: usize| summed(y).map(|one| [one.sure, one.counts, one.texture, 0]);
             let kept = |_, _, [sure, counts, texture, _]: [u32; 4]| [sure, counts, texture];
-            windows(size, NEAR).write((first, &mut near), values, kept, self.level)?;
+            Windows::new(size, NEAR).write((first, &mut near), values, kept, self.level)?;
             let values = |y: usize| summed(y).map(|one| [one.sure, one.counts]);
-            windows(size, FAR).write((first, &mut far), values, |_, _, sums| sums, self.level)?;
+            Windows::new(size, FAR).write((first, &mut far), values, |_, _, sums| sums, self.level)?;
 
             let sums = near.chunks_exact(cols).zip(far.chunks_exact(cols));
             for ((y, row), (near, far)) in (first..).zip(band.chunks_exact_mut(cols)).zip(sums) {
@@ -166,17 +185,8 @@ impl<'a> Traits<'a> {
         let range = |plane, radius| range_around(self.level, plane, y, radius);
         let nowhere = nearest_around(self.level, claims.row(y), own, y);
 
-        let cols = claims.cols();
-        let row = claims.row(y).iter().enumerate();
-        let columns: Vec<_> = row.map(|(x, claim)| right_column(x, *claim, cols)).collect();
-        let mut nearest = vec![f32::NEG_INFINITY; cols];
-        for (column, claim) in columns.iter().zip(claims.row(y)) {
-            if let Some(column) = column {
-                nearest[*column] = nearest[*column].max(*claim);
-            }
-        }
         let ranges = [range(claims, 1), range(claims, RANGE), range(own, RANGE), nowhere];
-        AroundRow { ranges, columns, nearest }
+        AroundRow { ranges, right: RightColumns::new(claims.row(y)) }
     }
 }
 
@@ -222,9 +232,9 @@ impl RowTraits<'_> {
 
         let near = lanes(&self.near[columns.clone()]);
         let far = lanes(&self.far[columns.clone()]);
-        let size = (map.rows(), map.cols());
+        let size = map.size();
         let pixels: [[u32; WIDTH]; 2] =
-            [NEAR, FAR].map(|radius| windows(size, radius).pixels_along(*y, first));
+            [NEAR, FAR].map(|radius| Windows::new(size, radius).pixels_along(*y, first));
         for at in 0..WIDTH {
             traits[2][at] = odds(near[0][at] as f32 / STEPS / pixels[0][at] as f32);
             traits[3][at] = odds(far[0][at] as f32 / STEPS / pixels[1][at] as f32);
@@ -235,10 +245,9 @@ impl RowTraits<'_> {
         for (which, ranges) in (4..).zip(&around.ranges) {
             traits[which][..columns.len()].copy_from_slice(&ranges[columns.clone()]);
         }
-        for (at, column) in around.columns[columns.clone()].iter().enumerate() {
-            let is_hidden = column.is_some_and(|column| around.nearest[column] > claims[at] + 1.0);
-            traits[11][at] = f32::from(u8::from(is_hidden));
-            traits[12][at] = f32::from(u8::from(column.is_none()));
+        for (at, claim) in claims.iter().enumerate() {
+            traits[11][at] = f32::from(u8::from(around.right.is_hidden(first + at, *claim)));
+            traits[12][at] = f32::from(u8::from(around.right.columns[first + at].is_none()));
         }
         let kinds = [FAILED, flag::FILLED, flag::INFERRED | flag::COARSE];
         for (which, kind) in (13..).zip(kinds) {
@@ -248,11 +257,6 @@ impl RowTraits<'_> {
             }
         }
     }
-}
-
-/// The windows of a plane of this size.
-fn windows(size: (usize, usize), radius: usize) -> Windows {
-    Windows { size, radius, beyond: Beyond::Nothing }
 }
 
 /// The values of each kind side by side; 0 beyond the last pixel.
@@ -267,18 +271,13 @@ fn lanes<const N: usize>(pixels: &[[u32; N]]) -> [[u32; WIDTH]; N] {
     lanes
 }
 
-/// The rows of a plane within a distance of one.
-fn rows_around(y: usize, radius: usize, rows: usize) -> std::ops::Range<usize> {
-    y.saturating_sub(radius)..(y + radius + 1).min(rows)
-}
-
 /// The ranges of the finite values within a distance of the pixels of a row; 0 without any, at most
 /// [`LARGEST`].
 #[leveled]
 fn range_around(level: Level, plane: &Plane<f32>, y: usize, radius: usize) -> Vec<f32> {
     let cols = plane.cols();
     let [mut low, mut high] = [f32::INFINITY, f32::NEG_INFINITY].map(|none| vec![none; cols + 2 * radius]);
-    for v in rows_around(y, radius, plane.rows()) {
+    for v in around(y, radius, plane.rows()) {
         let columns = low[radius..].iter_mut().zip(&mut high[radius..]);
         for ((low, high), value) in columns.zip(plane.row(v)) {
             *low = low.min(if value.is_finite() { *value } else { f32::INFINITY });
@@ -303,7 +302,7 @@ fn range_around(level: Level, plane: &Plane<f32>, y: usize, radius: usize) -> Ve
 #[leveled]
 fn nearest_around(level: Level, claims: &[f32], own: &Plane<f32>, y: usize) -> Vec<f32> {
     let mut found = vec![LARGEST; claims.len()];
-    for v in rows_around(y, RANGE, own.rows()) {
+    for v in around(y, RANGE, own.rows()) {
         for by in 0..=2 * RANGE {
             // Columns x and x + by - RANGE.
             let (here, there) = (RANGE.saturating_sub(by), by.saturating_sub(RANGE));
@@ -322,7 +321,7 @@ fn nearest_around(level: Level, claims: &[f32], own: &Plane<f32>, y: usize) -> V
 
 /// What is summed of all pixels.
 fn summed(map: &Plane<f32>, own: &Disparity, gray: &Plane<i32>, control: &Control) -> Result<Plane<Summed>> {
-    Plane::by_rows((map.rows(), map.cols()), control, |y, row: &mut [Summed]| {
+    Plane::by_rows(map.size(), control, |y, row: &mut [Summed]| {
         let disparities = map.row(y).iter().zip(own.disparity.row(y));
         for (out, (claim, own)) in row.iter_mut().zip(disparities) {
             let agrees = (own - claim).abs() <= AGREES;

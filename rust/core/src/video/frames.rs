@@ -42,7 +42,7 @@ use crate::video::rig::sensors::Sensors;
 use crate::video::rig::{Appearance, Geometry, Rig};
 use crate::video::temporal::TemporalFilter;
 use phasestereo_match::base::error::Result;
-use phasestereo_match::base::plane::Plane;
+use phasestereo_match::base::plane::{self, Plane};
 use phasestereo_match::base::platform::Instant;
 use phasestereo_match::matcher::Disparity;
 use phasestereo_match::matcher::runtime::Runtime;
@@ -200,9 +200,8 @@ fn steadied(
     runtime: Runtime,
 ) -> Result<(Plane<u8>, Duration)> {
     let started = Instant::now();
-    let Runtime { execution, control, .. } = runtime;
     let Prepared { pair, settings, .. } = prepared;
-    let frames = filter.apply(pair, settings, map, execution.level, control)?;
+    let frames = filter.apply(pair, settings, map, runtime)?;
     Ok((frames, started.elapsed()))
 }
 
@@ -379,17 +378,17 @@ impl<'a> Followed<'a, '_> {
         geometry: &Geometry,
         has_all: bool,
     ) -> Result<Option<Innovation>> {
-        let level = self.runtime.execution.level;
+        let level = self.runtime.level();
         let field = geometry.field.field()?;
-        let around = AROUND + field.bound().ceil() as usize;
+        let reach = AROUND + field.bound().ceil() as usize;
         let rows = pair.size().0;
 
         let mut tracks = vec![];
         for seeds in seeds(&map.disparity, &map.flags, &field, self.rig.frames, has_all) {
             let Some(first) = seeds.first() else { continue };
             let y = first.y as usize;
-            let (top, end) = (y.saturating_sub(around), (y + around + 1).min(rows));
-            let part = Part::new(top, Cow::Owned(pair.of_rows(top..end)), self.runtime)?;
+            let around = plane::around(y, reach, rows);
+            let part = Part::new(around.start, Cow::Owned(pair.of_rows(around)), self.runtime)?;
             tracks.extend(follow_here(&part, &seeds, level));
         }
         Ok(geometry.field.innovation(&tracks))

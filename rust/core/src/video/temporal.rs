@@ -44,11 +44,11 @@ use self::change::{Changes, Scale};
 use crate::video::choices::{
     CHANGE_STEP, LEAST_MOVED, MEAN_FRAMES, MOST_MOVED_BY, MOVED_BLOCK, MOVED_BY, MOVED_STEP, SAME_DISPARITY,
 };
-use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::plane::Plane;
 use phasestereo_match::base::simd::{Level, leveled};
 use phasestereo_match::matcher::Disparity;
+use phasestereo_match::matcher::runtime::Runtime;
 use phasestereo_match::pair::Pair;
 use phasestereo_match::pair::candidates::Candidates;
 use phasestereo_match::settings::Settings;
@@ -99,8 +99,7 @@ impl TemporalFilter {
         pair: &Pair,
         settings: &Settings,
         map: &mut Disparity,
-        level: Level,
-        control: &Control,
+        runtime: Runtime,
     ) -> Result<Plane<u8>> {
         // Taken out, so that an error leaves nothing half updated.
         let before = self.before.take().filter(|before| before.is_of(pair, settings));
@@ -110,9 +109,9 @@ impl TemporalFilter {
         };
 
         for (view, changes) in pair.views().into_iter().zip(&mut before.views) {
-            changes.update(view, level, control)?;
+            changes.update(view, runtime)?;
         }
-        before.follow(map, level, control)?;
+        before.follow(map, runtime)?;
 
         let support = before.support.clone();
         self.before = Some(before);
@@ -156,7 +155,7 @@ impl Before {
 
     /// The blocks whose disparities have moved together.
     fn moved(&self, now: &Plane<f32>) -> Plane<bool> {
-        let (rows, cols) = (now.rows(), now.cols());
+        let (rows, cols) = now.size();
         let has_moved = |block_row: usize, block: usize| {
             let (mut up, mut down, mut known) = (0u32, 0u32, 0u32);
             for y in (block_row * MOVED_BLOCK..((block_row + 1) * MOVED_BLOCK).min(rows)).step_by(MOVED_STEP)
@@ -177,7 +176,7 @@ impl Before {
     }
 
     /// Applies the recurrence of the module to the map of the next frame, in place.
-    fn follow(&mut self, map: &mut Disparity, level: Level, control: &Control) -> Result<()> {
+    fn follow(&mut self, map: &mut Disparity, runtime: Runtime) -> Result<()> {
         let cols = self.key.size.1;
         let moved = self.moved(&map.disparity);
         let [left, right] = &self.views;
@@ -189,12 +188,12 @@ impl Before {
         let rows = rows.zip(map.disparity.as_mut_slice().par_chunks_mut(cols));
         let rows = rows.zip(map.flags.as_mut_slice().par_chunks_mut(cols)).enumerate();
         rows.try_for_each(|(y, (((((before, flags), support), marks), now), new_flags))| {
-            control.checkpoint()?;
+            runtime.control.checkpoint()?;
 
             let changed = [left.row(y), right.row(y)];
             let moved = moved.row(y / MOVED_BLOCK);
-            follow_row(level, changed, moved, before, support, now, marks);
-            keep(level, marks, flags, new_flags);
+            follow_row(runtime.level(), changed, moved, before, support, now, marks);
+            keep(runtime.level(), marks, flags, new_flags);
             Ok(())
         })?;
 
@@ -204,7 +203,7 @@ impl Before {
             let rows = before.as_mut_slice().par_chunks_mut(cols);
             let rows = rows.zip(now.as_mut_slice().par_chunks_mut(cols));
             let rows = rows.zip(self.marks.as_slice().par_chunks(cols));
-            rows.for_each(|((before, now), stays)| keep(level, stays, before, now));
+            rows.for_each(|((before, now), stays)| keep(runtime.level(), stays, before, now));
         }
 
         Ok(())

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use phasestereo_match::base::plane::Plane;
+use phasestereo_match::base::plane::{Plane, around};
 
 /// Side of a block, pixels.
 pub const BLOCK: usize = 8;
@@ -30,7 +30,7 @@ impl Blocks {
 
     /// Those with `MANY` of these pixels.
     pub fn of(pixels: &Plane<bool>) -> Self {
-        Self::of_larger(pixels, 1, (pixels.rows(), pixels.cols()))
+        Self::of_larger(pixels, 1, pixels.size())
     }
 
     /// The same of an image of this size, larger by a factor that divides a block, each pixel of which stands
@@ -69,10 +69,8 @@ impl Blocks {
     /// Searches a block and its neighbors.
     pub fn search_around(&mut self, at: usize) {
         let (row, column) = (at / self.cols, at % self.cols);
-        let end = (row + 2).min(self.is_searched.len() / self.cols);
-        for row in row.saturating_sub(1)..end {
-            let columns = column.saturating_sub(1)..(column + 2).min(self.cols);
-            self.is_searched[row * self.cols..][columns].fill(true);
+        for row in around(row, 1, self.is_searched.len() / self.cols) {
+            self.is_searched[row * self.cols..][around(column, 1, self.cols)].fill(true);
         }
     }
 

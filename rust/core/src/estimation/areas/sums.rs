@@ -33,7 +33,7 @@ impl Loop for SumGuessed<'_> {
     #[inline(always)]
     fn run(self) {
         let Self { codes, guess, run, around, off, top, sums } = self;
-        let (rows, cols) = (codes[0].rows(), codes[0].cols());
+        let (rows, cols) = codes[0].size();
         let clamped = |y: usize| y.saturating_sub(around.0).min(rows - 1);
         let height = 2 * around.0 + 1;
 
@@ -302,9 +302,7 @@ pub fn choose(
     }
 
     // x - d is a column from 0 on, and before the last.
-    let index =
-        |disparity: isize| (disparity - candidates.min()).clamp(0, candidates.count() as isize) as usize;
-    let (start, end) = (index(x as isize + 1 - cols as isize), index(x as isize + 1));
+    let (start, end) = (candidates.index(x as isize + 1 - cols as isize), candidates.index(x as isize + 1));
     let sums = &sums.as_flattened()[start..end];
     let least = sums.iter().enumerate().min_by_key(|(_, sum)| **sum);
     start + least.map_or(0, |(k, _)| k)

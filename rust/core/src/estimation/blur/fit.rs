@@ -254,28 +254,21 @@ mod tests {
     use super::super::bank::bank;
     use super::super::bins::bins;
     use super::*;
+    use crate::testing::{levels, random};
 
     /// Powers that fall with the frequency, as those of images do, and what a blur of them would be.
     fn powers(seed: u32, response: &Response, gain: f32, noise: [f32; 2]) -> Powers {
-        let mut state = seed;
-
-        let mut random = || {
-            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-            (state >> 8) as f32 / (1 << 24) as f32
-        };
+        let mut number = random(seed);
+        let mut portion = || number() as f32 / (1 << 24) as f32;
 
         let count = bins().count();
-        let scene: Vec<f32> = (0..count).map(|bin| 400.0 / (1.0 + bin as f32) * (0.5 + random())).collect();
+        let scene: Vec<f32> = (0..count).map(|bin| 400.0 / (1.0 + bin as f32) * (0.5 + portion())).collect();
 
         let blurred = scene.iter().zip(&response.values);
         let blurred = blurred.map(|(power, left)| gain * left * power + noise[0]).collect();
         let sharp = scene.iter().map(|power| power + noise[1]).collect();
 
         Powers { binned: [blurred, sharp], least_high: [0.0; 2] }
-    }
-
-    fn levels() -> impl Iterator<Item = Level> {
-        Level::all().filter_map(|(_, level)| level)
     }
 
     #[test]

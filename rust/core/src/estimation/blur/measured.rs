@@ -7,8 +7,9 @@ use super::spectrum::{BlockPlace, Cross, kernel};
 use super::taps::Taps;
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Result;
-use phasestereo_match::base::plane::Plane;
+use phasestereo_match::base::plane::{Plane, around};
 use phasestereo_match::base::simd::Level;
+use phasestereo_match::matcher::runtime::Runtime;
 
 /// Taps on either side of the center: blocks are too small for larger kernels.
 const REACH: usize = 15;
@@ -23,16 +24,15 @@ pub fn add_cross_spectra(
     rough: &RoughMatch,
     places: &[BlockPlace],
     sums: &mut Cross,
-    level: Level,
-    control: &Control,
+    runtime: Runtime,
 ) -> Result<()> {
-    let warped = warped(&grays[1], rough, control)?;
+    let warped = warped(&grays[1], rough, runtime.control)?;
 
     // In the warped image, the right block has the corner of the left one.
     let same_corner = |place: &BlockPlace| BlockPlace { right_top: place.top, right: place.left, ..*place };
     let places: Vec<BlockPlace> = places.iter().map(same_corner).collect();
 
-    sums.add_all([&grays[0], &warped], &places, level, control)
+    sums.add_all([&grays[0], &warped], &places, runtime)
 }
 
 /// The kernel that turns the sharp image into the soft one, by regularized least squares: the sum of
@@ -57,14 +57,12 @@ pub fn measured(sums: &Cross, side: Side, level: Level) -> Option<Taps> {
 fn warped(right: &Plane<f32>, rough: &RoughMatch, control: &Control) -> Result<Plane<f32>> {
     let last = right.cols() as isize - 1;
 
-    Plane::by_rows((right.rows(), right.cols()), control, |y, row: &mut [f32]| {
-        for (x, value) in row.iter_mut().enumerate() {
-            // The rough disparity gives the column, the field the row.
-            let from = (x as isize - rough.at(y, x).round() as isize).clamp(0, last) as usize;
-            let below = y as isize + rough.rows_at(y, from);
+    Plane::by_pixels(right.size(), control, |y, x| {
+        // The rough disparity gives the column, the field the row.
+        let from = (x as isize - rough.at(y, x).round() as isize).clamp(0, last) as usize;
+        let below = y as isize + rough.rows_at(y, from);
 
-            *value = right.row(below.clamp(0, right.rows() as isize - 1) as usize)[from];
-        }
+        right.row(below.clamp(0, right.rows() as isize - 1) as usize)[from]
     })
 }
 
@@ -95,8 +93,8 @@ fn cleaned(kernel: &Plane<f32>) -> Option<Taps> {
         values[place] = f64::from(tap);
 
         let (y, x) = (place / side, place % side);
-        for row in y.saturating_sub(1)..(y + 2).min(side) {
-            open.extend((x.saturating_sub(1)..(x + 2).min(side)).map(|col| row * side + col));
+        for row in around(y, 1, side) {
+            open.extend(around(x, 1, side).map(|col| row * side + col));
         }
     }
 
@@ -108,21 +106,14 @@ mod tests {
     use super::super::taps::path;
     use super::*;
     use crate::estimation::blur::rough::{Correspondence, RoughScale, grays};
+    use crate::testing::{on_a_thread, texture};
     use phasestereo_match::base::plane::reflect;
     use phasestereo_match::image::pixels::{Image, Input};
-    use phasestereo_match::matcher::{Execution, Matcher};
     use phasestereo_match::pair::Pair;
 
     /// An image of squares of a few sizes.
     fn scene(y: usize, x: usize) -> f32 {
-        let shade = |y: usize, x: usize, salt: u64| {
-            let mut bits = (y as u64) << 32 | x as u64 | salt << 60;
-            for factor in [0xbf58_476d_1ce4_e5b9, 0x94d0_49bb_1331_11eb] {
-                bits = (bits ^ bits >> 29).wrapping_add(0x9e37_79b9).wrapping_mul(factor);
-            }
-
-            (bits >> 56) as f32
-        };
+        let shade = |y: usize, x: usize, salt: u64| f32::from(texture(y, x, salt));
         shade(y / 9, x / 9, 1) + 0.7 * shade(y / 4, x / 4, 2) + 0.5 * shade(y, x, 3)
     }
 
@@ -157,9 +148,6 @@ mod tests {
 
     #[test]
     fn a_kernel_of_no_family_is_found_on_either_side() {
-        let (control, level) = (Control::default(), Level::best());
-        let execution = Execution { threads: 1, level };
-        let matcher = Matcher::new(1).expect("a thread");
         let scale = RoughScale { factor: 2, ..RoughScale::ROUGH };
 
         let sharp = Plane::from_fn(150, 200, scene);
@@ -174,11 +162,7 @@ mod tests {
             };
 
             let pair = Pair::of_inputs([view(shots[0]), view(shots[1])], 0, 8).expect("a legal pair");
-            let grays = pair.views().map(|view| grays(view, &control).expect("memory"));
             let known = Correspondence { candidates: pair.candidates(), alignment: None };
-
-            let rough =
-                RoughMatch::new(&grays, known, scale, &matcher, execution, &control).expect("a match");
 
             let corner = |i: usize| BlockPlace {
                 top: i / 4 * 40,
@@ -189,9 +173,13 @@ mod tests {
 
             let places: Vec<BlockPlace> = (0..12).map(corner).collect();
             let mut sums = Cross::default();
-            add_cross_spectra(&grays, &rough, &places, &mut sums, level, &control).expect("not cancelled");
+            on_a_thread(Level::best(), |runtime| {
+                let grays = pair.views().map(|view| grays(view, runtime.control).expect("memory"));
+                let rough = RoughMatch::new(&grays, known, scale, runtime).expect("a match");
+                add_cross_spectra(&grays, &rough, &places, &mut sums, runtime).expect("not cancelled");
+            });
 
-            let found = measured(&sums, side, level).expect("there is contrast");
+            let found = measured(&sums, side, Level::best()).expect("there is contrast");
 
             let mirrored = Taps::new(hook().reach, hook().values.into_iter().rev().collect());
             let (alike, unlike) = (likeness(&found, &hook()), likeness(&found, &mirrored));

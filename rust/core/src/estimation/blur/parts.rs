@@ -119,22 +119,21 @@ impl<'a> Part<'a> {
     }
 
     /// Rough disparities of the part.
-    pub fn rough(
-        &self,
-        known: &Correspondence,
-        scale: RoughScale,
-        Runtime { matcher, execution, control }: Runtime,
-    ) -> Result<RoughMatch> {
+    pub fn rough(&self, known: &Correspondence, scale: RoughScale, runtime: Runtime) -> Result<RoughMatch> {
         let alignment = known.alignment.clone().map(|field| field.starting_at_row(self.first));
         let known = Correspondence { alignment, ..*known };
 
-        RoughMatch::new(&self.grays, known, scale, matcher, execution, control)
+        RoughMatch::new(&self.grays, known, scale, runtime)
     }
 
     /// The pair of blocks that show the same, whose left one has this corner in the whole image; `None` where
     /// there is none, or they have no contrast. The rough disparities begin with row `first` of the whole
     /// image.
-    pub fn place(&self, (rough, first): (&RoughMatch, usize), top: usize, left: usize) -> Option<BlockPlace> {
+    pub fn place(
+        &self,
+        (rough, first): (&RoughMatch, usize),
+        (top, left): (usize, usize),
+    ) -> Option<BlockPlace> {
         let place = rough.place(&self.pair, self.first - first, top - self.first, left)?;
 
         let [left, right] = &self.grays;

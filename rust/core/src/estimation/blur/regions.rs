@@ -1,6 +1,8 @@
 //! The kinds of blur in an image and their areas: as few kinds as explain the tiles, and a map without
 //! specks.
 
+use phasestereo_match::base::plane::around;
+
 /// The loss of every choice on every tile: tiles by rows, choices innermost.
 #[derive(Debug, Clone)]
 pub struct Losses {
@@ -127,8 +129,7 @@ impl Losses {
     /// The tile and its up to eight neighbors.
     fn around(&self, tile: usize) -> impl Iterator<Item = usize> {
         let (y, x, cols) = (tile / self.cols, tile % self.cols, self.cols);
-        let rows = y.saturating_sub(1)..(y + 2).min(self.rows);
-        rows.flat_map(move |y| (x.saturating_sub(1)..(x + 2).min(cols)).map(move |x| y * cols + x))
+        around(y, 1, self.rows).flat_map(move |y| around(x, 1, cols).map(move |x| y * cols + x))
     }
 
     /// The choice of every tile: the one that explains it, smoothed by agreement with its neighbors (iterated

@@ -1,6 +1,8 @@
 //! Rough matches: gray values of both images, disparities of reduced copies, and pairs of blocks that show
 //! the same.
 
+use std::ops::Range;
+
 use super::bins::SIDE;
 use super::spectrum::BlockPlace;
 use phasestereo_match::base::control::Control;
@@ -14,9 +16,9 @@ use phasestereo_match::image::conversion::view_of_plane;
 use phasestereo_match::image::intensity::Gray;
 use phasestereo_match::image::intensity_range::IntensityRange;
 use phasestereo_match::image::view::View;
+use phasestereo_match::matcher::Disparity;
 use phasestereo_match::matcher::runtime::Runtime;
 use phasestereo_match::matcher::section::Section;
-use phasestereo_match::matcher::{Disparity, Execution, Matcher};
 use phasestereo_match::pair::Pair;
 use phasestereo_match::pair::alignment::Alignment;
 use phasestereo_match::pair::candidates::Candidates;
@@ -28,7 +30,7 @@ const REACH: f64 = 128.0;
 /// Side of the area about the center of a block whose median disparity the block takes, pixels.
 const CORE: usize = SIDE / 2;
 /// Of a block at most one pixel in this many may be masked.
-pub const MASKED_SHARE: usize = 10;
+const MASKED_SHARE: usize = 10;
 /// Steps of a row in which the offsets of a reduced image are rounded.
 const RAISED_STEPS: isize = 64;
 
@@ -60,14 +62,14 @@ pub fn has_contrast(grays: &Plane<f32>, top: usize, left: usize) -> bool {
 }
 
 /// Means over squares of `factor` pixels, a power of two; incomplete squares at the far ends are left out.
-pub fn reduced(plane: &Plane<f32>, factor: usize, level: Level, control: &Control) -> Result<Plane<f32>> {
+pub fn reduced(plane: &Plane<f32>, factor: usize, runtime: Runtime) -> Result<Plane<f32>> {
     if factor == 1 {
         return Ok(plane.clone());
     }
 
     let size = (plane.rows() / factor, plane.cols() / factor);
-    Plane::by_rows(size, control, |y, out: &mut [f32]| {
-        reduce_row(level, plane, factor, y, out);
+    Plane::by_rows(size, runtime.control, |y, out: &mut [f32]| {
+        reduce_row(runtime.level(), plane, factor, y, out);
     })
 }
 
@@ -119,6 +121,22 @@ pub struct RoughScale {
     pub subpixel: bool,
 }
 
+/// The settings of a match of reduced images. Along rows alone, few frequencies and costs of one byte are
+/// fast, and rough disparities suffice.
+pub fn rough_settings(neighborhood: usize, window: usize, subpixel: bool) -> Settings {
+    Settings {
+        neighborhood,
+        window,
+        subpixel,
+        frequencies: (1, 1),
+        precision: Precision::Byte,
+        optimizer: Optimizer::ScanlineOptimization,
+        shiftable: false,
+        confidence: false,
+        ..Preset::Paper.settings()
+    }
+}
+
 impl RoughScale {
     /// Large neighborhoods withstand what is left of the blur. The factor is to be chosen.
     pub const ROUGH: Self = Self { factor: 1, neighborhood: 9, window: 9, subpixel: false };
@@ -154,7 +172,7 @@ pub fn raised(
 
     let last = right.rows() as isize - 1;
 
-    Plane::by_rows((right.rows(), right.cols()), control, |y, row: &mut [f32]| {
+    Plane::by_rows(right.size(), control, |y, row: &mut [f32]| {
         let along = alignment.along(center(y));
 
         for (x, value) in row.iter_mut().enumerate() {
@@ -175,7 +193,7 @@ pub fn match_reduced(
     [left, right]: [Plane<f32>; 2],
     factor: usize,
     alignment: Option<&Alignment>,
-    (low, high): (isize, isize),
+    span: (isize, isize),
     settings: &Settings,
     Runtime { matcher, execution, control }: Runtime,
 ) -> Result<Disparity> {
@@ -184,11 +202,8 @@ pub fn match_reduced(
         None => right,
     };
 
-    // The span is cut to what the width of the copies allows.
-    let width = left.cols() as i64;
-    let count = (high - low + 1).clamp(1, left.cols() as isize) as i64;
-    let low = (low as i64).clamp(1 - width - (count - 1), width - 1);
-    let pair = Pair::new(as_view(&left), as_view(&right), low, count)?;
+    let (min, count) = Candidates::of_span(span, left.cols())?.numbers();
+    let pair = Pair::new(as_view(&left), as_view(&right), min, count)?;
 
     // Rows of the reduced pair are not rows of the result: its progress is counted apart.
     let all = Section::whole(&pair);
@@ -202,35 +217,20 @@ impl RoughMatch {
         grays: &[Plane<f32>; 2],
         known: Correspondence,
         scale: RoughScale,
-        matcher: &Matcher,
-        execution: Execution,
-        control: &Control,
+        runtime: Runtime,
     ) -> Result<Self> {
         let Correspondence { candidates, alignment } = known;
         let factor = scale.factor;
-        let copy = |side: usize| reduced(&grays[side], factor, execution.level, control);
+        let copy = |side: usize| reduced(&grays[side], factor, runtime);
         let (left, right) = (copy(0)?, copy(1)?);
 
         // The reduced range holds the whole one.
-        let (low, high) = (candidates.min(), candidates.disparity(candidates.count() - 1));
-        let span = (low.div_euclid(factor as isize), high.div_euclid(factor as isize) + 1);
+        let [low, high] = [candidates.min(), candidates.max()].map(|end| end.div_euclid(factor as isize));
+        let span = (low, high + 1);
 
-        // Few frequencies and costs of one byte are fast, and rough disparities suffice.
-        let settings = Settings {
-            neighborhood: scale.neighborhood,
-            window: scale.window,
-            subpixel: scale.subpixel,
-            frequencies: (1, 1),
-            precision: Precision::Byte,
-            optimizer: Optimizer::ScanlineOptimization,
-            shiftable: false,
-            p1: 3.0,
-            p2: 16.0,
-            confidence: false,
-            ..Preset::Paper.settings()
-        };
+        let RoughScale { neighborhood, window, subpixel, .. } = scale;
+        let settings = Settings { p1: 3.0, p2: 16.0, ..rough_settings(neighborhood, window, subpixel) };
 
-        let runtime = Runtime { matcher, execution, control };
         let map = match_reduced([left, right], factor, alignment.as_ref(), span, &settings, runtime)?;
         Ok(Self { disparity: map.disparity, factor, alignment })
     }
@@ -305,25 +305,23 @@ impl RoughMatch {
         let place = BlockPlace { top, left, right_top, right };
 
         let [left_view, right_view] = pair.views();
+        let is_valid = |view, top, left| is_mostly_valid(view, top..top + SIDE, left..left + SIDE);
         (is_valid(left_view, top, left) && is_valid(right_view, right_top, right)).then_some(place)
     }
 }
 
-/// Whether most pixels of a block are valid.
-fn is_valid(view: &View, top: usize, left: usize) -> bool {
-    let Some(mask) = view.mask() else {
-        return true;
-    };
-
-    let rows = (top..top + SIDE).map(|y| &mask.row(y)[left..left + SIDE]);
-    let masked = rows.flatten().filter(|valid| !**valid).count();
-    masked * MASKED_SHARE <= SIDE * SIDE
+/// Whether so few pixels of a block are masked that it shows the scene.
+pub fn is_mostly_valid(view: &View, rows: Range<usize>, cols: Range<usize>) -> bool {
+    let Some(mask) = view.mask() else { return true };
+    let total = rows.len() * cols.len();
+    let masked = rows.flat_map(|y| &mask.row(y)[cols.clone()]).filter(|valid| !**valid).count();
+    masked * MASKED_SHARE <= total
 }
 
 /// Gray values in steps for rough codes.
-pub fn rough_gray(plane: &Plane<f32>, level: Level, control: &Control) -> Result<Gray<'static>> {
-    let steps = Plane::by_rows((plane.rows(), plane.cols()), control, |y, steps: &mut [i32]| {
-        write_steps(level, plane.row(y), steps);
+pub fn rough_gray(plane: &Plane<f32>, runtime: Runtime) -> Result<Gray<'static>> {
+    let steps = Plane::by_rows(plane.size(), runtime.control, |y, steps: &mut [i32]| {
+        write_steps(runtime.level(), plane.row(y), steps);
     })?;
     Ok(Gray::within(ROUGH_REACH, steps))
 }
@@ -344,6 +342,7 @@ pub fn as_view(plane: &Plane<f32>) -> View {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::testing::{on_a_thread, texture};
     use phasestereo_match::base::simd::Level;
     use phasestereo_match::image::conversion::view_of_input;
     use phasestereo_match::image::pixels::{Image, Input};
@@ -351,19 +350,10 @@ mod tests {
 
     const SHIFT: usize = 12;
 
-    fn texture(y: usize, x: usize) -> u8 {
-        let mut bits = (y as u64) << 32 | x as u64;
-
-        for factor in [0xbf58_476d_1ce4_e5b9, 0x94d0_49bb_1331_11eb] {
-            bits = (bits ^ bits >> 29).wrapping_add(0x9e37_79b9).wrapping_mul(factor);
-        }
-        (bits >> 56) as u8
-    }
-
     /// Squares of 3 pixels, everywhere at one disparity.
     fn pair(masks: [Option<Mask>; 2]) -> Pair {
         let view = |from: usize, mask| {
-            let pixel = |(y, x, _)| texture(y / 3, (x + from) / 3);
+            let pixel = |(y, x, _)| texture(y / 3, (x + from) / 3, 0);
             let image = Image::U8(ndarray::Array3::from_shape_fn((130, 200, 1), pixel));
             Input { mask, ..image.into() }
         };
@@ -373,21 +363,12 @@ mod tests {
     }
 
     fn rough(pair: &Pair, factor: usize) -> RoughMatch {
-        let execution = Execution { threads: 1, level: Level::best() };
-        let control = Control::default();
-        let matcher = Matcher::new(1).expect("a thread");
-        let grays = pair.views().map(|view| grays(view, &control).expect("memory"));
+        let scale = RoughScale { factor, ..RoughScale::ROUGH };
         let known = Correspondence { candidates: pair.candidates(), alignment: None };
-
-        RoughMatch::new(
-            &grays,
-            known,
-            RoughScale { factor, ..RoughScale::ROUGH },
-            &matcher,
-            execution,
-            &control,
-        )
-        .expect("a match")
+        on_a_thread(Level::best(), |runtime| {
+            let grays = pair.views().map(|view| grays(view, runtime.control).expect("memory"));
+            RoughMatch::new(&grays, known, scale, runtime).expect("a match")
+        })
     }
 
     #[test]
@@ -445,7 +426,7 @@ mod tests {
 
     #[test]
     fn shades_are_in_one_range_whatever_the_type() {
-        let bytes = ndarray::Array3::from_shape_fn((9, 11, 1), |(y, x, _)| texture(y, x));
+        let bytes = ndarray::Array3::from_shape_fn((9, 11, 1), |(y, x, _)| texture(y, x, 0));
         let images =
             [(Image::U16(bytes.mapv(|value| u16::from(value) * 256)), 1.0 / 256.0), (Image::U8(bytes), 1.0)];
 

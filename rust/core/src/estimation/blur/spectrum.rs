@@ -6,11 +6,11 @@ use rayon::prelude::*;
 
 use super::bins::{FLOAT_LANES, FloatLanes, SIDE, bins, total};
 use super::transform::{ComplexBlock, Content, HALF, Scratch};
-use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::math;
 use phasestereo_match::base::plane::Plane;
 use phasestereo_match::base::simd::{Level, leveled};
+use phasestereo_match::matcher::runtime::Runtime;
 
 /// The corners of a pair of blocks that show the same.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -112,17 +112,12 @@ fn take_spectra(images: [&Plane<f32>; 2], place: BlockPlace, work: &mut Scratch,
 }
 
 /// The powers of every pair of blocks, in the order of their places.
-pub fn powers(
-    images: [&Plane<f32>; 2],
-    places: &[BlockPlace],
-    level: Level,
-    control: &Control,
-) -> Result<Vec<Powers>> {
+pub fn powers(images: [&Plane<f32>; 2], places: &[BlockPlace], runtime: Runtime) -> Result<Vec<Powers>> {
     let of_pair = |work: &mut Scratch, place: &BlockPlace| {
-        control.checkpoint()?;
-        take_spectra(images, *place, work, level);
+        runtime.control.checkpoint()?;
+        take_spectra(images, *place, work, runtime.level());
 
-        take_norms(level, &mut work.block);
+        take_norms(runtime.level(), &mut work.block);
         let (left, right) = work.block.re.as_flattened().split_at(HALF);
 
         let bins = bins();
@@ -148,8 +143,7 @@ impl Cross {
         &mut self,
         images: [&Plane<f32>; 2],
         places: &[BlockPlace],
-        level: Level,
-        control: &Control,
+        runtime: Runtime,
     ) -> Result<()> {
         // Groups are summed one after another, and depend neither on the threads nor on the number of rows
         // that are read.
@@ -157,10 +151,10 @@ impl Cross {
         let groups: Vec<&[BlockPlace]> = rows.flat_map(|row| row.chunks(16)).collect();
 
         let sums_of = |work: &mut Scratch, group: &&[BlockPlace]| {
-            control.checkpoint()?;
+            runtime.control.checkpoint()?;
             let mut sums = Self::default();
             for place in *group {
-                take_spectra(images, *place, work, level);
+                take_spectra(images, *place, work, runtime.level());
                 sums.add_pair(&work.block);
             }
             Ok(sums)
@@ -229,13 +223,11 @@ mod tests {
 
     use super::super::taps::Taps;
     use super::*;
+    use crate::testing::{on_a_thread, random};
 
     fn noise(seed: u32) -> Plane<f32> {
-        let mut state = seed;
-        Plane::from_fn(70, 90, |_, _| {
-            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-            (state >> 24) as f32 - 128.0
-        })
+        let mut random = random(seed);
+        Plane::from_fn(70, 90, |_, _| (random() >> 16) as f32 - 128.0)
     }
 
     /// Powers of half the plane at `kx * SIDE / 2 + ky`, a sum for each.
@@ -279,7 +271,8 @@ mod tests {
         let images = [noise(1), noise(2)];
         let place = BlockPlace { top: 3, left: 11, right_top: 5, right: 25 };
 
-        let found = powers([&images[0], &images[1]], &[place], Level::best(), &Control::default());
+        let images_of = [&images[0], &images[1]];
+        let found = on_a_thread(Level::best(), |runtime| powers(images_of, &[place], runtime));
         let found = &found.expect("not cancelled")[0];
 
         let corners = [(place.top, place.left), (place.right_top, place.right)];
@@ -303,7 +296,8 @@ mod tests {
         let place = BlockPlace { top: 0, left: 5, right_top: 0, right: 5 };
         let sums = |image| {
             let mut sums = Cross::default();
-            sums.add_all([image, image], &[place], Level::best(), &Control::default()).expect("it runs");
+            on_a_thread(Level::best(), |runtime| sums.add_all([image, image], &[place], runtime))
+                .expect("it runs");
             sums
         };
 
@@ -332,8 +326,10 @@ mod tests {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
             let mut sums = Cross::default();
             let images = [&images[0], &images[1]];
-            let mut work = || sums.add_all(images, &places, Level::best(), &Control::default());
-            pool.expect("threads").install(&mut work).expect("it runs");
+            on_a_thread(Level::best(), |runtime| {
+                pool.expect("threads").install(|| sums.add_all(images, &places, runtime))
+            })
+            .expect("it runs");
             sums
         };
 

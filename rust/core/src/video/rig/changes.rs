@@ -12,7 +12,7 @@ use crate::estimation::areas::BLOCK;
 use crate::estimation::overview::fine_factor;
 use crate::video::choices::{CHANGE_MEDIANS, LEAST_CHANGE, MOVING_FROM};
 use phasestereo_match::base::error::Result;
-use phasestereo_match::base::plane::Plane;
+use phasestereo_match::base::plane::{Plane, around};
 use phasestereo_match::base::statistics::ranked;
 use phasestereo_match::image::view::View;
 
@@ -29,8 +29,8 @@ impl Changes {
     /// Takes in the left image of a frame.
     pub fn update(&mut self, view: &View) -> Result<()> {
         let mut now = means(view)?;
-        let size = (now.rows(), now.cols());
-        let is_like = |before: &Plane<f64>| (before.rows(), before.cols()) == size;
+        let size = now.size();
+        let is_like = |before: &Plane<f64>| before.size() == size;
         let Some(before) = self.before.take().filter(is_like) else {
             *self = Self { before: Some(now), squares: None };
             return Ok(());
@@ -41,9 +41,8 @@ impl Changes {
 
         let (rows, cols) = size;
         let most = LEAST_CHANGE + CHANGE_MEDIANS * median;
-        let around = |at: usize, end: usize| at.saturating_sub(1)..(at + 2).min(end);
         let has_changed = |y: usize, x: usize| {
-            around(y, rows).any(|y| around(x, cols).any(|x| changes[y * cols + x] > most))
+            around(y, 1, rows).any(|y| around(x, 1, cols).any(|x| changes[y * cols + x] > most))
         };
         self.squares = (median < MOVING_FROM).then(|| Plane::from_fn(rows, cols, has_changed));
         for (now, before) in now.as_mut_slice().iter_mut().zip(before.as_slice()) {
@@ -57,7 +56,7 @@ impl Changes {
 /// The means of squares as large as the blocks of fine copies that are searched together, gray levels.
 fn means(view: &View) -> Result<Plane<f64>> {
     let gray = view.gray();
-    let (rows, cols) = (gray.rows(), gray.cols());
+    let (rows, cols) = gray.size();
     let side = BLOCK * fine_factor((rows, cols));
     let mut sums = Plane::<i64>::new(rows.div_ceil(side), cols.div_ceil(side))?;
     for y in 0..rows {

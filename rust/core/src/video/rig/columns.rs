@@ -41,8 +41,8 @@ pub struct Columns {
 impl Columns {
     /// Nothing seen of these disparities yet.
     pub fn new(candidates: Candidates) -> Self {
-        let (min, count) = (candidates.min() as i64, candidates.count());
-        Self { searched: min..min + count as i64, shares: vec![0; count], idle: 0 }
+        let (min, count) = candidates.numbers();
+        Self { searched: min..min + count, shares: vec![0; candidates.count()], idle: 0 }
     }
 
     /// The disparities to search in images of this width.
@@ -84,9 +84,9 @@ impl Columns {
 
     /// Takes in the map of a frame of this range, which is given.
     pub fn watch(&mut self, given: Candidates, map: &Disparity) {
-        let range = given.min() as i64..given.min() as i64 + given.count() as i64;
-        if self.searched != range {
-            *self = Self::new(given);
+        let new = Self::new(given);
+        if self.searched != new.searched {
+            *self = new;
         }
         let counts = self.counts(map);
         self.fade(&counts);

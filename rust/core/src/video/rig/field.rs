@@ -277,7 +277,7 @@ pub fn seeds(
     frame: u64,
     has_all: bool,
 ) -> Vec<Vec<Seed>> {
-    let (rows, cols) = (disparity.rows(), disparity.cols());
+    let (rows, cols) = disparity.size();
     if rows.min(cols) <= 2 * SEED_BORDER + CELL_COLUMNS {
         return vec![];
     }

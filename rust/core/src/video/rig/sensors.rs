@@ -53,15 +53,12 @@ impl Sensors {
     pub fn new(found: &Estimates, frame: u64) -> Option<Self> {
         let photometry = found.photometry?;
         let response = photometry.contrast.map(|curve| [curve.gain, curve.gamma, curve.ratio]);
-        let blur = found.blur.as_ref().map(|blur| {
-            let (rows, cols, labels) = &blur.labels;
-            BlurMap {
-                kinds: blur.blurs.iter().map(BlurKind::new).collect(),
-                tiles: (*rows, *cols),
-                side: blur.tile,
-                labels: labels.clone(),
-                certainty: blur.certainty.into(),
-            }
+        let blur = found.blur.as_ref().map(|blur| BlurMap {
+            kinds: blur.blurs.iter().map(BlurKind::new).collect(),
+            tiles: blur.labels.size(),
+            side: blur.tile,
+            labels: blur.labels.as_slice().to_vec(),
+            certainty: blur.certainty.into(),
         });
         let noise = found.noise();
         Some(Self { frame, range: photometry.range, noise, response, blur })

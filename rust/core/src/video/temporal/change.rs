@@ -36,13 +36,13 @@ use crate::video::choices::{
     LEAST_GAIN_PLACES, LEAST_NOISE, MEAN_FRAMES, MOST_NOISE, NOISE_BLOCK, NOISE_BLOCKS, NOISE_FACTOR,
     QUIET_DIVISOR, WHITE_FROM,
 };
-use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::plane::{Plane, zeroed};
 use phasestereo_match::base::simd::{Level, leveled};
 use phasestereo_match::base::statistics::ranked;
 use phasestereo_match::image::gray_scale::GrayScale;
 use phasestereo_match::image::view::View;
+use phasestereo_match::matcher::runtime::Runtime;
 
 /// Gray levels from black to white.
 const WHITE: f64 = 255.0;
@@ -133,10 +133,10 @@ impl Changes {
     }
 
     /// Finds where the next frame has changed, and updates the means.
-    pub fn update(&mut self, view: &View, level: Level, control: &Control) -> Result<()> {
-        let noise = noise(view, &self.scale, level, control)?;
-        let gain = self.gain(view, level, control)?;
-        self.compare(view, noise, gain, level, control)?;
+    pub fn update(&mut self, view: &View, runtime: Runtime) -> Result<()> {
+        let noise = noise(view, &self.scale, runtime)?;
+        let gain = self.gain(view, runtime)?;
+        self.compare(view, noise, gain, runtime)?;
 
         let Self { mean, count, changed, gray, excess, .. } = self;
         let cols = changed.cols();
@@ -145,20 +145,20 @@ impl Changes {
         let rows = rows.zip(changed.as_mut_slice().par_chunks_mut(cols)).enumerate();
         rows.for_each(|(y, ((mean, count), changed))| {
             let excess = [y, y + 1, y + 2].map(|y| excess.row(y));
-            update_row(level, excess, gray.row(y), gain, mean, count, changed);
+            update_row(runtime.level(), excess, gray.row(y), gain, mean, count, changed);
         });
 
         Ok(())
     }
 
     /// By what the exposure of a frame differs from that of the means.
-    fn gain(&self, view: &View, level: Level, control: &Control) -> Result<f32> {
+    fn gain(&self, view: &View, runtime: Runtime) -> Result<f32> {
         let Self { scale, mean, count, .. } = self;
         let mut row: Vec<f32> = zeroed(view.size().1)?;
         let mut quotients = vec![];
         for y in (0..mean.rows()).step_by(GAIN_STEP) {
-            control.checkpoint()?;
-            scale.write(view, CHANGE_STEP * y, level, &mut row);
+            runtime.control.checkpoint()?;
+            scale.write(view, CHANGE_STEP * y, runtime.level(), &mut row);
             for x in (0..mean.cols()).step_by(GAIN_STEP) {
                 let (gray, mean) = (row[CHANGE_STEP * x], mean.row(y)[x]);
                 let range = DARK_BELOW..WHITE_FROM;
@@ -181,7 +181,7 @@ impl Changes {
     }
 
     /// Computes gray levels and excesses.
-    fn compare(&mut self, view: &View, noise: f32, gain: f32, level: Level, control: &Control) -> Result<()> {
+    fn compare(&mut self, view: &View, noise: f32, gain: f32, runtime: Runtime) -> Result<()> {
         let Self { scale, mean, count, gray, excess, .. } = self;
         let (cols, image_cols) = (gray.cols(), view.size().1);
         let inside = excess.as_mut_slice().par_chunks_mut(cols + 2).skip(1);
@@ -189,17 +189,17 @@ impl Changes {
 
         let compare_row = |row: &mut Result<Vec<f32>>,
                            (y, (gray, excess)): (usize, (&mut [f32], &mut [f32]))| {
-            control.checkpoint()?;
+            runtime.control.checkpoint()?;
 
             let row = row.as_mut().map_err(|error| error.clone())?;
-            scale.write(view, CHANGE_STEP * y, level, row);
+            scale.write(view, CHANGE_STEP * y, runtime.level(), row);
             for (gray, value) in gray.iter_mut().zip(row.iter().step_by(CHANGE_STEP)) {
                 *gray = *value;
             }
 
             let (mean, count) = (mean.row(y), count.row(y));
             let out = &mut excess[1..=cols];
-            write_excess(level, gray, mean, count, 1.0 / noise, gain, out);
+            write_excess(runtime.level(), gray, mean, count, 1.0 / noise, gain, out);
             Ok(())
         };
         rows.try_for_each_init(|| zeroed(image_cols), compare_row)
@@ -275,7 +275,7 @@ fn update_row(
 }
 
 /// The variance of the noise of a view, squared gray levels.
-pub fn noise(view: &View, scale: &Scale, level: Level, control: &Control) -> Result<f32> {
+pub fn noise(view: &View, scale: &Scale, runtime: Runtime) -> Result<f32> {
     let (rows, cols) = view.size();
 
     // Second differences need a neighbor on every side.
@@ -284,8 +284,8 @@ pub fn noise(view: &View, scale: &Scale, level: Level, control: &Control) -> Res
     let step = (block_rows * block_cols).div_ceil(NOISE_BLOCKS).max(1);
 
     let squares = (0..block_rows.div_ceil(step)).into_par_iter().map(|index| {
-        control.checkpoint()?;
-        block_squares(view, scale, index * step * NOISE_BLOCK, level)
+        runtime.control.checkpoint()?;
+        block_squares(view, scale, index * step * NOISE_BLOCK, runtime.level())
     });
     let squares: Vec<_> = squares.collect::<Result<_>>()?;
 
