@@ -41,8 +41,8 @@ use std::ops::Range;
 use std::sync::Arc;
 use std::time::Duration;
 
+use self::blur::defects::Defects;
 pub use self::blur::defects::gray_levels;
-use self::blur::defects::{Defects, Repaired};
 use self::blur::parts::PairRows;
 use self::blur::rough::{self, RoughMatch};
 use self::compensation_plan::CompensationPlan;
@@ -161,7 +161,7 @@ pub fn complete_source(
         return Ok(Estimates::of_facts(candidates, facts));
     }
 
-    let inverted = Inverted(source);
+    let inverted = Changed::new(source, |pair| Ok(Cow::Owned(pair.inverted())));
     let source = if facts.is_inverted { &inverted } else { source };
     let mut found = Estimates::of_source(source, &request, settings, runtime)?;
     if settings.compensate_blur && found.is_inverted && !facts.is_inverted {
@@ -214,24 +214,33 @@ pub fn prepare(
     Ok(Prepared { pair, settings: suited.unwrap_or_else(|| settings.clone()), estimates })
 }
 
-/// A source with the negative of the right image.
-struct Inverted<'a>(&'a dyn Source);
+/// A source whose pairs are changed once they are read.
+struct Changed<'a, F> {
+    source: &'a dyn Source,
+    change: F,
+}
 
-impl Source for Inverted<'_> {
+impl<'a, F: for<'b> Fn(Cow<'b, Pair>) -> Result<Cow<'b, Pair>> + Sync> Changed<'a, F> {
+    fn new(source: &'a dyn Source, change: F) -> Self {
+        Self { source, change }
+    }
+}
+
+impl<F: for<'b> Fn(Cow<'b, Pair>) -> Result<Cow<'b, Pair>> + Sync> Source for Changed<'_, F> {
     fn size(&self) -> (usize, usize) {
-        self.0.size()
+        self.source.size()
     }
 
     fn candidates(&self) -> Candidates {
-        self.0.candidates()
+        self.source.candidates()
     }
 
     fn most_rows(&self) -> usize {
-        self.0.most_rows()
+        self.source.most_rows()
     }
 
     fn rows(&self, rows: Range<usize>) -> Result<Cow<'_, Pair>> {
-        Ok(Cow::Owned(self.0.rows(rows)?.inverted()))
+        (self.change)(self.source.rows(rows)?)
     }
 }
 
@@ -266,7 +275,13 @@ impl Estimates {
         let defects = needs_defects.then(|| Defects::new(source, levels, runtime)).transpose()?;
         let defects = defects.unwrap_or_default();
 
-        let source = &Repaired { source, impulses: defects.impulses, runtime };
+        let source = &Changed::new(source, |pair| {
+            if defects.impulses.iter().all(|height| *height <= 0.0) {
+                return Ok(pair);
+            }
+            let repaired = pair.repaired(defects.impulses, runtime.level(), runtime.control)?;
+            Ok(Cow::Owned(repaired.into_owned()))
+        });
         let rows = &PairRows::new(source, runtime)?;
         let sample = &*rows.sample()?;
         let scales = &Scales::new(sample);

@@ -2,7 +2,6 @@
 //! ([`phasestereo_match::image::impulses`]), and blocks that compression has left
 //! ([`phasestereo_match::image::blocking`]).
 
-use std::borrow::Cow;
 use std::ops::Range;
 
 use rayon::prelude::*;
@@ -15,7 +14,6 @@ use phasestereo_match::image::impulses::{self, HEIGHT, count_doubtless, has_impu
 use phasestereo_match::image::masking;
 use phasestereo_match::matcher::runtime::Runtime;
 use phasestereo_match::pair::Pair;
-use phasestereo_match::pair::candidates::Candidates;
 use phasestereo_match::pair::source::{Source, bands, has_empty_row, widened};
 
 /// The noise, in gray levels, that does as much harm as the loss of compression where blocks stand out by one
@@ -33,39 +31,6 @@ pub struct Defects {
     pub impulses: [f64; 2],
     /// Standard deviations of a noise that would do as much harm as the loss of compression.
     pub coding: [f64; 2],
-}
-
-/// A source whose pairs have known impulses, which are repaired.
-pub struct Repaired<'a> {
-    /// The pair as it is.
-    pub source: &'a dyn Source,
-    /// The least height of its impulses, left and right.
-    pub impulses: [f64; 2],
-    /// Where they are repaired.
-    pub runtime: Runtime<'a>,
-}
-
-impl Source for Repaired<'_> {
-    fn size(&self) -> (usize, usize) {
-        self.source.size()
-    }
-
-    fn candidates(&self) -> Candidates {
-        self.source.candidates()
-    }
-
-    fn most_rows(&self) -> usize {
-        self.source.most_rows()
-    }
-
-    fn rows(&self, rows: Range<usize>) -> Result<Cow<'_, Pair>> {
-        let pair = self.source.rows(rows)?;
-        if self.impulses.iter().all(|height| *height <= 0.0) {
-            return Ok(pair);
-        }
-        let Runtime { execution, control, .. } = self.runtime;
-        Ok(Cow::Owned(pair.repaired(self.impulses, execution.level, control)?.into_owned()))
-    }
 }
 
 /// What is counted in an image.
