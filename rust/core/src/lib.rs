@@ -26,6 +26,7 @@ mod interface;
 mod match_pair;
 mod preparation;
 mod rectification;
+mod saved;
 mod scales;
 mod self_check;
 #[cfg(test)]

@@ -14,6 +14,7 @@ use serde::{Deserialize, Serialize};
 use crate::match_pair::Treatment;
 use crate::rectification::cameras::Cameras;
 use crate::rectification::warp::raw_disparity;
+use crate::saved::{MOST_PIXELS, is_moderate};
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::{Error, Result};
 use phasestereo_match::base::plane::Plane;
@@ -24,10 +25,8 @@ const LARGEST_RATIO: f64 = 64.0;
 const SMALLEST_RATIO: f64 = 1.0 / 8.0;
 /// How a text begins.
 const HEAD: &str = "phasestereo back 1";
-/// Most rows or columns of an image in a text, most pixels, and most of what cameras are made of.
+/// Most rows or columns of an image in a text.
 const MOST_SIDE: usize = 1 << 20;
-const MOST_PIXELS: usize = 1 << 30;
-const MOST_NUMBER: f64 = 1e6;
 
 /// How maps of a prepared pair come back.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -185,7 +184,7 @@ impl Back {
         let is_masked = self.runs.is_empty() || counted == Some(pixels);
         let are_cameras = self.cameras.as_ref().is_none_or(|cameras| {
             let numbers = cameras.numbers().iter().chain(cameras.shifts.as_flattened());
-            cameras.size() == self.size && numbers.clone().all(|n| n.abs() <= MOST_NUMBER)
+            cameras.size() == self.size && is_moderate(numbers)
         });
         is_sized && pixels <= MOST_PIXELS && is_placed && is_masked && are_cameras
     }

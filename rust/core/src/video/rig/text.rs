@@ -9,18 +9,15 @@ use super::events::{Event, Steady};
 use super::sensors::{BlurKind, BlurMap, Sensors};
 use super::{Geometry, Rig};
 use crate::rectification::{Raw, Rectification};
+use crate::saved::{LARGEST, MOST_PIXELS, is_moderate};
 use crate::video::choices::MOST_EVENTS;
 use phasestereo_match::base::digest::Digest;
 use phasestereo_match::base::error::{Error, Result};
 
 /// How the first line begins.
 const HEAD: &str = "phasestereo rig 2";
-/// Most pixels of an image. A text of larger images is refused, whatever memory a match would take.
-const MOST_PIXELS: usize = 1 << 30;
 /// Most frames, and other numbers that are counted: none overflows while more are added.
 const MOST: u64 = 1 << 48;
-/// Most of what is measured in pixels, multiples of deviations, or degrees.
-const LARGEST: f64 = 1e6;
 
 /// A rig as text.
 pub fn written(rig: &Rig) -> Result<String> {
@@ -79,11 +76,6 @@ fn first(checks: &[(&'static str, bool)]) -> Option<&'static str> {
 /// Whether a state is a number from 0 to the largest.
 fn is_state(steady: Steady, largest: i64) -> bool {
     (0..=largest).contains(&steady.state) && (0..=largest).contains(&steady.next)
-}
-
-/// Whether all numbers are finite and not huge.
-fn is_moderate<'a>(values: impl IntoIterator<Item = &'a f64>) -> bool {
-    values.into_iter().all(|value| value.abs() <= LARGEST)
 }
 
 fn fault_of_geometry(geometry: &Geometry) -> Option<&'static str> {
