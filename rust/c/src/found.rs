@@ -173,15 +173,9 @@ impl Found {
 
 /// The kinds of blur with their shares of the image; of a kind that both images have, both blurs with the same share.
 fn blurs(estimate: &BlurEstimate) -> Vec<Blur> {
-    let labels = estimate.labels.as_slice();
-    let share = |index: usize| {
-        let tiles = labels.iter().filter(|label| usize::from(**label) == index).count();
-        tiles as f64 / labels.len() as f64
-    };
-
     let mut blurs = vec![];
-    for (index, kind) in estimate.blurs.iter().enumerate() {
-        let own = Blur { share: share(index), ..Blur::new(kind) };
+    for (kind, share) in estimate.blurs.iter().zip(estimate.shares()) {
+        let own = Blur { share, ..Blur::new(kind) };
         blurs.push(own);
         if let Some(psf) = kind.other {
             let side = PHASESTEREO_LEFT + PHASESTEREO_RIGHT - own.side;

@@ -1,48 +1,53 @@
 //! One thing that there is to say, what it is about, and how grave it is.
 
-/// What a finding is about.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[non_exhaustive]
-pub enum Topic {
-    /// The match as a whole, or whether the images belong together.
-    Match,
-    /// Which image is the left one.
-    Swap,
-    /// The disparities.
-    Range,
-    /// How rows correspond.
-    Alignment,
-    /// The relative blur.
-    Blur,
-    /// How gray levels correspond.
-    Contrast,
-    /// The noise.
-    Noise,
-    /// The loss of compression.
-    Coding,
-    /// Pixels at the ends of their values.
-    Saturation,
-    /// How much of the image has texture.
-    Texture,
-    /// Texture that comes back.
-    Repetition,
-    /// Fields of interlaced video.
-    Interlacing,
-    /// Pixels of the images that show nothing of the scene.
-    Border,
-    /// A disparity map that was verified.
-    Map,
+use phasestereo_match::named;
+
+named! {
+    /// What a finding is about, in the order in which topics are named as causes.
+    #[non_exhaustive]
+    pub enum Topic {
+        /// The match as a whole, or whether the images belong together.
+        Match = "match",
+        /// Which image is the left one.
+        Swap = "swap",
+        /// The disparities.
+        Range = "range",
+        /// How rows correspond.
+        Alignment = "alignment",
+        /// The relative blur.
+        Blur = "blur",
+        /// How gray levels correspond.
+        Contrast = "contrast",
+        /// The noise.
+        Noise = "noise",
+        /// The loss of compression.
+        Coding = "coding",
+        /// Pixels at the ends of their values.
+        Saturation = "saturation",
+        /// How much of the image has texture.
+        Texture = "texture",
+        /// Texture that comes back.
+        Repetition = "repetition",
+        /// Fields of interlaced video.
+        Interlacing = "interlacing",
+        /// Pixels of the images that show nothing of the scene.
+        Border = "border",
+        /// A disparity map that was verified.
+        Map = "map",
+    }
 }
 
-/// How grave a finding is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Severity {
-    /// All is well.
-    Ok,
-    /// Worth knowing.
-    Note,
-    /// To be fixed.
-    Warning,
+named! {
+    /// How grave a finding is, the mildest first.
+    #[derive(PartialOrd, Ord)]
+    pub enum Severity {
+        /// All is well.
+        Ok = "ok",
+        /// Worth knowing.
+        Note = "note",
+        /// To be fixed.
+        Warning = "warning",
+    }
 }
 
 /// One thing that there is to say about a pair, or about a match.
@@ -60,44 +65,10 @@ pub struct Finding {
     pub(crate) cause: &'static str,
 }
 
-/// Topics in the order in which they are named as causes.
-const TOPICS: [(Topic, &str); 14] = [
-    (Topic::Match, "match"),
-    (Topic::Swap, "swap"),
-    (Topic::Range, "range"),
-    (Topic::Alignment, "alignment"),
-    (Topic::Blur, "blur"),
-    (Topic::Contrast, "contrast"),
-    (Topic::Noise, "noise"),
-    (Topic::Coding, "coding"),
-    (Topic::Saturation, "saturation"),
-    (Topic::Texture, "texture"),
-    (Topic::Repetition, "repetition"),
-    (Topic::Interlacing, "interlacing"),
-    (Topic::Border, "border"),
-    (Topic::Map, "map"),
-];
-
 impl Topic {
-    /// All topics.
-    pub const ALL: [Self; TOPICS.len()] = {
-        let mut all = [Self::Match; TOPICS.len()];
-        let mut at = 0;
-        while at < all.len() {
-            all[at] = TOPICS[at].0;
-            at += 1;
-        }
-        all
-    };
-
-    /// Its name.
-    pub fn name(self) -> &'static str {
-        TOPICS.iter().find(|(topic, _)| *topic == self).map_or("match", |(_, name)| name)
-    }
-
     /// The topic of a name.
     pub fn named(name: &str) -> Option<Self> {
-        TOPICS.iter().find(|(_, other)| *other == name).map(|(topic, _)| *topic)
+        Self::ALL.into_iter().find(|topic| topic.name() == name)
     }
 
     /// Whether it decides if a match is to be trusted at all.
@@ -107,18 +78,6 @@ impl Topic {
 }
 
 impl Severity {
-    /// All severities, the mildest first.
-    pub const ALL: [Self; 3] = [Self::Ok, Self::Note, Self::Warning];
-
-    /// Its name.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Ok => "ok",
-            Self::Note => "note",
-            Self::Warning => "warning",
-        }
-    }
-
     /// The severity of a name.
     pub fn named(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|severity| severity.name() == name)

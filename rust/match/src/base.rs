@@ -6,6 +6,7 @@ pub mod error;
 pub mod linear;
 pub mod math;
 pub mod memory;
+pub mod named;
 pub mod plane;
 pub mod platform;
 pub mod simd;

@@ -314,11 +314,7 @@ fn blur_estimate<'py>(
 }
 
 fn blur_of<'py>(py: Python<'py>, blur: &Blur) -> Result<Object<'py>> {
-    let (side, opposite) = match blur.side {
-        None => ("none", "none"),
-        Some(Side::Left) => ("left", "right"),
-        Some(Side::Right) => ("right", "left"),
-    };
+    let name = |side: Option<Side>| side.map_or("none", Side::name);
     let of_family = |psf: Psf| (psf.family.traits().name, psf.size, psf.angle);
     let own = match (blur.psf, &blur.taps) {
         (Some(psf), _) => of_family(psf),
@@ -333,8 +329,9 @@ fn blur_of<'py>(py: Python<'py>, blur: &Blur) -> Result<Object<'py>> {
             side: side, kind: kind, size: size, angle: angle, psf: kernel.transpose()?, other: other
         )
     };
-    let other = blur.other.map(|psf| one(opposite, of_family(psf), Some(&psf.taps()), None));
-    one(side, own, blur.taps.as_ref(), other.transpose()?)
+    let other =
+        blur.other.map(|psf| one(name(blur.side.map(Side::other)), of_family(psf), Some(&psf.taps()), None));
+    one(name(blur.side), own, blur.taps.as_ref(), other.transpose()?)
 }
 
 fn photometry_of<'py>(py: Python<'py>, found: &Photometry) -> Result<Object<'py>> {

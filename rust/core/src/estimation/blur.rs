@@ -144,6 +144,11 @@ impl Blur {
         self.other.is_none() && self.taps.as_ref().is_none_or(leaves_most)
     }
 
+    /// Which image is the softer one as a number: 0 neither, 1 the left one, 2 the right one.
+    pub(crate) fn softer(&self) -> u8 {
+        self.side.map_or(0, |side| side as u8 + 1)
+    }
+
     /// The standard deviation of its kernel along an axis, pixels.
     pub fn spread(&self) -> f64 {
         match (self.psf, &self.taps) {
@@ -826,6 +831,15 @@ impl Estimate {
     /// The estimate with the defects of the images.
     pub(crate) fn with(self, Defects { impulses, coding }: Defects) -> Self {
         Self { impulses, coding, ..self }
+    }
+
+    /// The share of the tiles that each kind of blur has.
+    pub fn shares(&self) -> impl Iterator<Item = f64> {
+        let labels = self.labels.as_slice();
+        (0..self.blurs.len()).map(|kind| {
+            let tiles = labels.iter().filter(|label| usize::from(**label) == kind).count();
+            tiles as f64 / labels.len() as f64
+        })
     }
 
     /// The estimate where there is no evidence.

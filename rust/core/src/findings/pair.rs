@@ -407,11 +407,8 @@ fn softer(known: &Known) -> Vec<Measured> {
     }
 
     // Disks of several radii in one image are one finding: they follow depth.
-    let labels = found.labels.as_slice();
     let mut kinds: Vec<(Vec<&Blur>, f64)> = vec![];
-    for (index, blur) in found.blurs.iter().enumerate() {
-        let tiles = labels.iter().filter(|label| usize::from(**label) == index).count();
-        let share = tiles as f64 / labels.len() as f64;
+    for (blur, share) in found.blurs.iter().zip(found.shares()) {
         match kinds.iter_mut().find(|(kind, _)| follow_depth(blur, kind[0])) {
             Some((kind, sum)) => {
                 kind.push(blur);
@@ -450,10 +447,7 @@ fn follow_depth(one: &Blur, other: &Blur) -> bool {
 /// and whether slight blur is left. Several kinds are disks, by rising radius.
 fn blur_words(kinds: &[&Blur], area: Option<f64>, is_left: bool) -> Option<Vec<String>> {
     let (least, blur) = (kinds.first()?, kinds.last()?);
-    let (side, other) = match blur.side? {
-        Side::Left => ("left", "right"),
-        Side::Right => ("right", "left"),
-    };
+    let [side, other] = [blur.side?, blur.side?.other()].map(Side::name);
     let what = match (blur.other, least.psf, blur.psf) {
         (None, Some(least), Some(psf)) if kinds.len() > 1 => {
             let words = psf.family.traits().by_depth.unwrap_or(psf.family.traits().words);

@@ -1,42 +1,30 @@
 //! The choice between accuracy and density: which estimates of a map to use.
 
 use super::Match;
-use phasestereo_match::base::error::{Error, Result};
+use phasestereo_match::base::error::Result;
+use phasestereo_match::base::named::chosen;
+use phasestereo_match::named;
 
 /// The least probability of being within 1 px with which an estimate is trusted.
 const TRUSTED: f32 = 0.5;
 
-/// Which estimates to use.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Keep {
-    /// Those that are probably within 1 px of the true disparity: with a confidence of at least 0.5. Of a map
-    /// without confidences those without a flag, and none where most are wrong.
-    Trusted,
-    /// Trusted ones without a flag: fewer, more of them are right, and none is filled in.
-    Checked,
-    /// Every estimate.
-    All,
+named! {
+    /// Which estimates to use.
+    pub enum Keep {
+        /// Those that are probably within 1 px of the true disparity: with a confidence of at least 0.5. Of a
+        /// map without confidences those without a flag, and none where most are wrong.
+        Trusted = "trusted",
+        /// Trusted ones without a flag: fewer, more of them are right, and none is filled in.
+        Checked = "checked",
+        /// Every estimate.
+        All = "all",
+    }
 }
 
 impl Keep {
-    /// Every choice.
-    pub const ALL: [Self; 3] = [Self::Trusted, Self::Checked, Self::All];
-
     /// The choice of this name.
     pub fn named(name: &str) -> Result<Self> {
-        let names = || Self::ALL.map(|keep| format!("'{}'", keep.name())).join(", ");
-        let found = Self::ALL.into_iter().find(|keep| keep.name() == name);
-
-        found.ok_or_else(|| Error::value("keep", format!("'{name}'"), names()))
-    }
-
-    /// Its name.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Trusted => "trusted",
-            Self::Checked => "checked",
-            Self::All => "all",
-        }
+        chosen("keep", Self::ALL, Self::name, name)
     }
 
     /// Whether a pixel is kept, of a map of which the share `wrong` is estimated to be wrong (NaN: not known).

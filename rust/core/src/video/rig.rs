@@ -23,7 +23,7 @@ use self::field::FieldFilter;
 use self::sensors::Sensors;
 use self::stopped::Stopped;
 use crate::estimation::Estimates;
-use crate::estimation::blur::{self, Side};
+use crate::estimation::blur;
 use crate::rectification::Raw;
 use crate::video::choices::{
     CALM_FRAMES, CHANGED_FRAMES, HEALTH_FRAMES, ILL_FROM, STRAIGHT_BELOW, STRAIGHT_FRAMES, STRAIGHTEN_ERRORS,
@@ -178,7 +178,7 @@ impl Rig {
         }
 
         if let Some(kind) = blur.and_then(|blur| blur.blurs.first()) {
-            let side = kind.side.map_or(0, |side| if side == Side::Left { 1 } else { 2 });
+            let side = kind.softer().into();
             let soft = self.soft.get_or_insert(Steady::new(0));
             if let Some(ago) = soft.update(side, CHANGED_FRAMES) {
                 let sentence = match side {

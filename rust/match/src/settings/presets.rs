@@ -2,39 +2,27 @@
 //!
 //! `phasestereo bench tables --only choices` measures them with one setting changed at a time.
 
-use crate::base::error::{Error, Result};
+use crate::base::error::Result;
+use crate::base::named::chosen;
+use crate::named;
 
-/// A named set of settings.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Preset {
-    /// The default: it estimates what the pair lacks (blur, rows, impulses, noise) and compensates for it,
-    /// describes two sizes of neighborhoods, searches along four paths, checks, fills and smooths.
-    Robust,
-    /// The method of Pedone & Heikkilä, ACIVS 2008, as published.
-    Paper,
-    /// For frame rates: short codes, costs in bytes, two paths along each row, no checks.
-    Fast,
+named! {
+    /// A named set of settings.
+    pub enum Preset {
+        /// The default: it estimates what the pair lacks (blur, rows, impulses, noise) and compensates for it,
+        /// describes two sizes of neighborhoods, searches along four paths, checks, fills and smooths.
+        Robust = "robust",
+        /// The method of Pedone & Heikkilä, ACIVS 2008, as published.
+        Paper = "paper",
+        /// For frame rates: short codes, costs in bytes, two paths along each row, no checks.
+        Fast = "fast",
+    }
 }
 
 impl Preset {
-    /// All of them, the default first.
-    pub const ALL: [Self; 3] = [Self::Robust, Self::Paper, Self::Fast];
-
     /// The preset of this name.
     pub fn named(name: &str) -> Result<Self> {
-        let names = || Self::ALL.map(|preset| format!("'{}'", preset.name())).join(", ");
-        let found = Self::ALL.into_iter().find(|preset| preset.name() == name);
-
-        found.ok_or_else(|| Error::value("preset", format!("'{name}'"), names()))
-    }
-
-    /// Its name.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Robust => "robust",
-            Self::Paper => "paper",
-            Self::Fast => "fast",
-        }
+        chosen("preset", Self::ALL, Self::name, name)
     }
 }
 

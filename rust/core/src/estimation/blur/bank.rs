@@ -5,14 +5,16 @@ use std::sync::OnceLock;
 use super::psf::{Family, Psf};
 use super::response::{Response, response};
 use phasestereo_match::base::simd::Level;
+use phasestereo_match::named;
 
-/// Which image is the softer one.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Side {
-    /// The left one.
-    Left,
-    /// The right one.
-    Right,
+named! {
+    /// Which image is the softer one.
+    pub enum Side {
+        /// The left one.
+        Left = "left",
+        /// The right one.
+        Right = "right",
+    }
 }
 
 /// A point-spread function with the share of the power that it leaves in every bin.
@@ -54,5 +56,10 @@ impl Side {
     /// Its index: 0 left, 1 right.
     pub fn index(self) -> usize {
         self as usize
+    }
+
+    /// The other image.
+    pub fn other(self) -> Self {
+        Self::ALL[1 - self.index()]
     }
 }

@@ -3,32 +3,22 @@
 use serde::{Deserialize, Serialize};
 
 use crate::video::choices::{MOST_EVENTS, SAME_EVENT_FRAMES};
+use phasestereo_match::named;
 
-/// What an event is about.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Subject {
-    /// The cameras: those that a raw pair was rectified by, and whether both run.
-    Cameras,
-    /// The rows of the pair.
-    Rows,
-    /// The range of disparities.
-    Range,
-    /// Which image is the softer one.
-    Blur,
-    /// How much of the match is probably wrong.
-    Health,
-}
-
-impl Subject {
-    /// Its name.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Cameras => "cameras",
-            Self::Rows => "rows",
-            Self::Range => "range",
-            Self::Blur => "blur",
-            Self::Health => "health",
-        }
+named! {
+    /// What an event is about.
+    #[derive(Serialize, Deserialize)]
+    pub enum Subject {
+        /// The cameras: those that a raw pair was rectified by, and whether both run.
+        Cameras = "cameras",
+        /// The rows of the pair.
+        Rows = "rows",
+        /// The range of disparities.
+        Range = "range",
+        /// Which image is the softer one.
+        Blur = "blur",
+        /// How much of the match is probably wrong.
+        Health = "health",
     }
 }
 

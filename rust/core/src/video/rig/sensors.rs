@@ -4,8 +4,8 @@
 use serde::{Deserialize, Serialize};
 
 use crate::estimation::Estimates;
+use crate::estimation::blur::Blur;
 use crate::estimation::blur::psf::Psf;
-use crate::estimation::blur::{Blur, Side};
 
 /// A kind of blur.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -67,12 +67,7 @@ impl Sensors {
 
 impl BlurKind {
     fn new(blur: &Blur) -> Self {
-        let side = match blur.side {
-            None => 0,
-            Some(Side::Left) => 1,
-            Some(Side::Right) => 2,
-        };
-        Self { side, psf: blur.psf, spread: blur.spread() }
+        Self { side: blur.softer(), psf: blur.psf, spread: blur.spread() }
     }
 }
 
