@@ -46,6 +46,7 @@ use phasestereo_match::base::error::{Error, Result};
 use phasestereo_match::base::linear::{Cholesky, Normal};
 use phasestereo_match::base::math;
 use phasestereo_match::base::plane::Plane;
+use phasestereo_match::base::platform::both;
 use phasestereo_match::base::statistics::{deviation, median, quantile};
 use phasestereo_match::image::view::View;
 use phasestereo_match::matcher::runtime::Runtime;
@@ -247,7 +248,7 @@ pub fn rectify(
     aim: Aim,
     runtime: Runtime,
 ) -> Result<std::result::Result<Rectification, Refusal>> {
-    let (rows, cols) = (pairs[0][0].rows(), pairs[0][0].cols());
+    let (rows, cols) = pairs[0][0].size();
     let factor = least * cols.div_ceil(MOST_COLUMNS).max(1);
     let size = (rows / factor, cols / factor);
 
@@ -267,7 +268,7 @@ pub fn rectify(
 pub fn shown_axis([left, right]: &Grays, runtime: Runtime) -> Result<Option<Axis>> {
     let factor = left.cols().div_ceil(MOST_COLUMNS).max(1);
     let pair = [smaller(left, factor)?, smaller(right, factor)?];
-    let (size, [left, right]) = (pair[0].size(), features(&pair, runtime)?);
+    let (size, [left, right]) = (pair[0].size(), both(|side| Features::new(&pair[side], runtime))?);
     let codes = [left.codes(0.0, runtime.level()), right.codes(0.0, runtime.level())];
     let found = matches::matched([&left, &right], [&codes[0], &codes[1]], size.1, runtime.level());
     Ok(axis::axis(&found, size))
@@ -283,19 +284,12 @@ fn smaller(image: &Plane<f32>, factor: usize) -> Result<Plane<f32>> {
     filters::reduced(&filters::cropped(&image, factor)?, size)
 }
 
-/// The corners of both images.
-fn features(pair: &[Plane<f32>; 2], runtime: Runtime) -> Result<[Features; 2]> {
-    let of_side = |side: usize| Features::new(&pair[side], runtime);
-    let (left, right) = rayon::join(|| of_side(0), || of_side(1));
-    Ok([left?, right?])
-}
-
 fn rectify_small(
     pairs: &[Grays],
     aim: Aim,
     runtime: Runtime,
 ) -> Result<std::result::Result<Rectification, Refusal>> {
-    let size = (pairs[0][0].rows(), pairs[0][0].cols());
+    let size = pairs[0][0].size();
     let (mut views, mut agreeing, mut refusal) = (vec![], vec![], None);
     for pair in pairs {
         match matched(pair, runtime)? {
@@ -357,7 +351,7 @@ type Agreement = (Vec<CornerMatch>, Vec<bool>);
 /// Matches the corners of a pair, if enough of them agree.
 fn matched(pair: &[Plane<f32>; 2], runtime: Runtime) -> Result<std::result::Result<Agreement, Refusal>> {
     let cols = pair[0].cols();
-    let [left, right] = features(pair, runtime)?;
+    let [left, right] = both(|side| Features::new(&pair[side], runtime))?;
     let corners = [left.places.len(), right.places.len()];
     if corners.iter().any(|count| *count < LEAST_CORNERS) {
         return Ok(Err(Refusal::Corners(corners)));
@@ -372,7 +366,7 @@ fn matched(pair: &[Plane<f32>; 2], runtime: Runtime) -> Result<std::result::Resu
     };
 
     let mut best = turned(0.0);
-    let shown = axis::axis(&best.1, (pair[0].rows(), cols));
+    let shown = axis::axis(&best.1, pair[0].size());
     if let Some(axis) = shown.filter(|axis| !axis.is_along_rows()) {
         return Ok(Err(Refusal::Axis(axis)));
     }
@@ -490,9 +484,7 @@ impl Refined {
     fn improbability(&self) -> f64 {
         self.fit.as_ref().map_or(f64::INFINITY, fit::CameraFit::improbability)
     }
-}
 
-impl Refined {
     /// The result; [`Refusal`] where it cannot be believed.
     fn checked(
         self,

@@ -163,9 +163,7 @@ impl Photometry {
             contrast,
         })
     }
-}
 
-impl Photometry {
     /// The share of the image that repeats itself in both.
     pub fn repeats(&self) -> f64 {
         self.repeated[0].min(self.repeated[1])
