@@ -120,7 +120,7 @@ fn matched(pair: &Pair, settings: &Settings, runtime: Runtime) -> Result<Dispari
     Ok(map)
 }
 
-/// Matches a copy of a prepared pair of at most [`MOST_OF_COPY`] pixels, or the pair itself if it is as small.
+/// Matches a copy of a prepared pair of at most `MOST_OF_COPY` pixels, or the pair itself if it is as small.
 /// The result: the estimates of the copy, the shares of its pixels, and its size.
 pub fn match_copy(
     prepared: &Prepared,
