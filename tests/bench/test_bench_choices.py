@@ -101,7 +101,8 @@ def test_a_variant_has_its_own_value_and_the_next_one_has_not(
     monkeypatch.setenv("PATH", f"{tmp_path}{os.pathsep}{os.environ['PATH']}")
     radius = next(one for one in find_constants(source) if one.name == "RADIUS")
 
-    built = build(source, work, "RADIUS = 500", (radius, "500")) / "phasestereo"
+    built = build(source, work, "choices.rs:RADIUS = 500", (radius, "500")) / "phasestereo"
+    assert built.parent.name == "choices.rs_RADIUS_=_500"
     assert (built / "_core.abi3.so").read_text() == TABLE.replace("1_000", "500")
     assert (built / "__init__.py").exists()
 
@@ -134,6 +135,8 @@ def test_a_build_is_scored_in_a_process_of_its_own(tmp_path: Path) -> None:
     digest = sha256(Path(_core.__file__).read_bytes()).hexdigest()
     assert (tmp_path / f"as_it_is-{digest[:8]}.jsonl").exists()
 
+    with pytest.raises(ValueError, match="output: got .*; accepts a folder without"):
+        score(Path(f"a{os.pathsep}b") / "as_it_is", arguments, package.parent)
     arguments[2] = "two"
     with pytest.raises(RuntimeError, match="as_it_is: .*got 'two'"):
         score(package, arguments, tmp_path)

@@ -188,7 +188,8 @@ def build(source: Path, work: Path, label: str, change: tuple[Constant, str] | N
         errors = (line for line in done.stderr.splitlines() if line.startswith("error"))
         raise RuntimeError(f"{label}: {next(errors, done.stderr.strip())}")
 
-    package = work / "packages" / label.replace(" ", "_")
+    # Python's path is divided at colons.
+    package = work / "packages" / re.sub(r"[^\w.=-]", "_", label)
     without = shutil.ignore_patterns("_core.*.so", "_core*.pyd", "__pycache__")
     shutil.copytree(
         source / "python" / "phasestereo",
@@ -235,9 +236,15 @@ def score(package: Path, arguments: Sequence[str], output: Path) -> dict[str, fl
 
     Raises
     ------
+    ValueError
+        If the folder cannot be put into the path of Python.
     RuntimeError
         If the benchmark fails: with the last line that it printed.
     """
+    if os.pathsep in str(package):
+        raise ValueError(
+            f"output: got {output}; accepts a folder without {os.pathsep!r} in its path"
+        )
     names = (package / "phasestereo").glob("_core.*")
     extension = next(path for path in names if path.suffix in {".so", ".pyd"})
     records = output / f"{package.name}-{sha256(extension.read_bytes()).hexdigest()[:8]}.jsonl"
