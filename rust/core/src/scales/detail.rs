@@ -52,7 +52,7 @@ impl Detail {
 
         let around = Windows::new(size, DETAIL_RADIUS);
         let values = |y: usize| rest.row(y).iter().map(|rest| [(rest * rest) as u32]);
-        let mean = |y: usize, x: usize, [sum]: [u32; 1]| sum as f32 / around.pixels(y, x) as f32;
+        let mean = move |y: usize, x: usize, [sum]: [u32; 1]| sum as f32 / around.pixels(y, x) as f32;
         let squares = around.plane(values, mean, runtime.level(), runtime.control)?;
 
         Ok(Self { squares, rounding: rounding * f64::from(PARTS) })

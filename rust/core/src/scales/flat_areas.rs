@@ -80,7 +80,7 @@ fn flat(gray: &Plane<i32>, runtime: Runtime) -> Result<Plane<bool>> {
     let windows = Windows::new(gray.size(), RADIUS);
     let moments = |y: usize| gray.row(y).iter().map(|gray| i64::from(*gray)).map(|g| [g, g * g]);
 
-    let is_flat = |y: usize, x: usize, [sum, squares]: [i64; 2]| {
+    let is_flat = move |y: usize, x: usize, [sum, squares]: [i64; 2]| {
         let count = i64::from(windows.pixels(y, x));
         count * squares - sum * sum <= count * count * noise * noise
     };

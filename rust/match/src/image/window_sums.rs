@@ -56,11 +56,12 @@ impl Windows {
         Self { size, radius, beyond: Beyond::Nothing }
     }
 
-    /// The plane of `result(y, x, sums)` of all pixels; the rest is as of [`Self::write`].
+    /// The plane of `result(y, x, sums)` of all pixels; the rest is as of [`Self::write`]. Both functions are
+    /// copied into the loop over pixels, which keeps what they have captured by value in registers.
     pub fn plane<T, const N: usize, V, R>(
         self,
-        values: impl Fn(usize) -> V + Sync,
-        result: impl Fn(usize, usize, [T; N]) -> R + Sync,
+        values: impl Fn(usize) -> V + Copy + Sync,
+        result: impl Fn(usize, usize, [T; N]) -> R + Copy + Sync,
         level: Level,
         control: &Control,
     ) -> Result<Plane<R>>
@@ -71,7 +72,7 @@ impl Windows {
     {
         Plane::by_bands(self.size, TASK_ROWS, |first, band| {
             control.checkpoint()?;
-            self.write((first, band), &values, &result, level)
+            self.write((first, band), values, result, level)
         })
     }
 
