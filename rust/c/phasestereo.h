@@ -790,8 +790,9 @@ enum phasestereo_status phasestereo_match_right(const struct phasestereo_matcher
                                                 struct phasestereo_found *found);
 
 /**
- * Estimates from a pair what a match with these settings would estimate: the disparities, if they are not given, how
- * rows correspond, blur, noise. The arguments are those of `phasestereo_match`.
+ * Diagnoses a pair: estimates what a match with these settings would estimate (the disparities, if they are not given,
+ * how rows correspond, blur, noise), and matches a copy of at most 0.4 megapixels. If that match fails, the first finding
+ * warns of it. The arguments are those of `phasestereo_match`.
  *
  * Pointers are to what their types say.
  */

@@ -112,11 +112,11 @@ fn the_range_is_estimated_unless_it_is_given() {
     let matcher = Matcher::new(Preset::Robust.settings(), 1).expect("a matcher");
 
     let [left, right] = images();
-    let estimates = matcher.estimate(left, right, None).expect("estimates");
+    let estimates = matcher.check(left, right, None).expect("estimates");
     assert!(estimates.range.is_some() || estimates.disparities() == (0..40), "a third of the width");
 
     let [left, right] = images();
-    let estimates = matcher.estimate(left, right, -3..9).expect("estimates");
+    let estimates = matcher.check(left, right, -3..9).expect("estimates");
     assert_eq!(estimates.disparities(), -3..9);
 }
 

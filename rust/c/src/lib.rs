@@ -259,8 +259,9 @@ pub unsafe extern "C" fn phasestereo_match_right(
     })
 }
 
-/// Estimates from a pair what a match with these settings would estimate: the disparities, if they are not given, how
-/// rows correspond, blur, noise. The arguments are those of `phasestereo_match`.
+/// Diagnoses a pair: estimates what a match with these settings would estimate (the disparities, if they are not given,
+/// how rows correspond, blur, noise), and matches a copy of at most 0.4 megapixels. If that match fails, the first finding
+/// warns of it. The arguments are those of `phasestereo_match`.
 ///
 /// # Safety
 ///
@@ -283,7 +284,7 @@ pub unsafe extern "C" fn phasestereo_check(
         // SAFETY: as above.
         let ([left, right], _) = unsafe { read_images([left, right])? };
 
-        let estimates = matcher.estimate(left, right, disparities.clone())?;
+        let estimates = matcher.check(left, right, disparities.clone())?;
 
         // SAFETY: as above.
         unsafe { write(found, &Found::new(&estimates, disparities.is_some())) };

@@ -16,10 +16,10 @@ use ndarray::Axis;
 use self::image::Image;
 use self::rig::Rig;
 use crate::estimation::facts::{Direction, Fact, Facts};
-use crate::estimation::{Estimates, Prepared, complete};
+use crate::estimation::{Estimates, Prepared};
 use crate::finding::{Finding, Severity, Topic};
 use crate::findings;
-use crate::match_pair::{Matched, Rectified, match_pair, turned};
+use crate::match_pair::{Matched, Rectified, diagnosed, match_pair};
 use crate::preparation::back::Back;
 use crate::preparation::{Preparation, prepared_for_others};
 use crate::rectification::calibration::{Calibration, Sizes};
@@ -244,8 +244,9 @@ impl Matcher {
         Ok(Match { support, ..Match::new(frame.matched) })
     }
 
-    /// Estimates from a pair what its match would estimate; the arguments are those of [`Self::match_pair`].
-    pub fn estimate(
+    /// Diagnoses a pair: estimates what its match would estimate, and matches a copy of at most 0.4 megapixels. If
+    /// that match fails, a finding warns of it first. The arguments are those of [`Self::match_pair`].
+    pub fn check(
         &self,
         left: Image,
         right: Image,
@@ -254,11 +255,7 @@ impl Matcher {
         let (pair, facts) = read_pair([left, right], disparities.into(), self.axis)?;
 
         let control = Control::default();
-        self.on_threads(&control, |runtime| {
-            let pair = turned(pair, &facts)?;
-            let (pair, estimates) = complete(pair, &facts, &self.settings, runtime)?;
-            Ok(findings::with_findings(estimates, &pair, &self.settings))
-        })
+        self.on_threads(&control, |runtime| diagnosed(pair, &facts, &self.settings, runtime))
     }
 
     /// Prepares two images for any other matcher; `max_disparity` is the largest disparity that it can

@@ -121,10 +121,10 @@ pub fn made_ready(pair: Pair, facts: &Facts, settings: &Settings, runtime: Runti
     Ok(Ready { prepared, raw, even_rows })
 }
 
-/// What a match of a pair along its rows finds out before it matches, by topic; and before that, why the match of
+/// What a match of a pair finds out before it matches, by topic; and before that, why the match of
 /// a small copy of the pair failed, if it did: estimates alone do not show how well a pair is matched.
 pub fn diagnosed(pair: Pair, facts: &Facts, settings: &Settings, runtime: Runtime) -> Result<Estimates> {
-    let Ready { prepared, .. } = made_ready(pair, &facts.along_rows(), settings, runtime)?;
+    let Ready { prepared, .. } = made_ready(pair, facts, settings, runtime)?;
     let (own, summary, size) = match_copy(&prepared, settings, runtime)?;
 
     let Prepared { pair, mut estimates, .. } = prepared;
