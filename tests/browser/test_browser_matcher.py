@@ -65,7 +65,8 @@ import(address).then(async ({ createMatcher }) => {
         await matcher.match(...pair, { preset, numDisparities }).then(() => done++, () => {});
         if (n % 7 === 0) await matcher.check(...pair).catch(() => {});
     };
-    for (let n = 0; n < 60; n++) await once(n);
+    // Once every size by every preset, with either range, with a check and without.
+    for (let n = 0; n < 420; n++) await once(n);
     const before = await matcher.call("report", {});
     for (let n = 0; n < times; n++) await once(n);
     window.reported = [before, await matcher.call("report", {}), done];
