@@ -19,6 +19,7 @@ from phasestereo_bench.cases import SUITES
 from phasestereo_bench.datasets import find_scene
 from phasestereo_bench.rendering import render_pair
 from phasestereo_bench.rigs import FAULTS
+from phasestereo_bench.rigs.sensor import jpeg, noise
 from support import oracle
 
 if TYPE_CHECKING:
@@ -276,3 +277,27 @@ def test_speckles_are_those_of_opencv(data: Path, lr_check: int | None, size: in
     np.testing.assert_array_equal(result.flags & ps.Flag.SPECKLE != 0, expected)
     np.testing.assert_array_equal(result.flags & ~ps.Flag.SPECKLE, draft.flags)
     np.testing.assert_array_equal(np.isnan(result.disparity), filtered == gone)
+
+
+@pytest.mark.parametrize("spoiled", ["noise", "compression"])
+def test_a_plain_sky_between_houses_is_hardly_trusted(data: Path, spoiled: str) -> None:
+    """Nothing is seen in it but noise, and at its edge windows see the houses."""
+    houses = matched(data, "Motorcycle")[0].left.astype(np.float32).mean(axis=2)
+    left, right = np.full((2, 300, 420), 205, np.float32)
+    left[150:], right[150:] = houses[150:300, 100:520], houses[150:300, 106:526]
+    sky = np.zeros(left.shape, bool)
+    sky[:150] = True
+    for column, width, disparity in ((60, 80, 14), (250, 60, 9)):
+        house = slice(40, 150), slice(column, column + width)
+        moved = slice(40, 150), slice(column - disparity, column - disparity + width)
+        left[house] = right[moved] = houses[300:410, column : column + width]
+        sky[house] = False
+
+    pair = [noise(one.astype(np.uint8), seed, sigma=1.5) for seed, one in enumerate((left, right))]
+    if spoiled == "compression":
+        pair = [jpeg(one, 0, quality=85) for one in pair]
+    result = ps.match(*pair)
+
+    # The ground is trusted, and what lies beside the houses is not.
+    assert result.trusted[160:, 20:-20].mean() > 0.9
+    assert result.trusted[sky].mean() < 0.15

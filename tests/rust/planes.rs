@@ -274,7 +274,7 @@ fn naive_plane(
             }
             let p = if is_behind && !has_evidence((y, x)) { p.min(0.4) } else { p };
             out.disparity.row_mut(y)[x] = drawn((y, x));
-            out.flags.row_mut(y)[x] = map.flags.row(y)[x] & !256 & !2048 | 1024;
+            out.flags.row_mut(y)[x] = map.flags.row(y)[x] & !(256 | 2048 | 4096) | 1024;
             let (confidence, bars) = (out.confidence.as_mut(), out.uncertainty.as_mut());
             confidence.expect("made so").row_mut(y)[x] = p;
             bars.expect("made so").row_mut(y)[x] = 9.0 * (1.0 - p) / p;
@@ -283,34 +283,65 @@ fn naive_plane(
     Some(found)
 }
 
-/// The mean squares of 9 x 9 pixels of what is left without means of 7 x 7, in squares of sixteenths of a
-/// step.
-fn naive_detail(gray: &Plane<i32>) -> Plane<f32> {
+/// The mean squares of 9 x 9 pixels of what is left without means of 7 x 7, where this noise is 256.
+fn naive_detail(gray: &Plane<i32>, noise: f64) -> Plane<f32> {
     let size = (gray.rows(), gray.cols());
+    let parts = (256.0 / noise) as f32;
     let rest = Plane::from_fn(size.0, size.1, |y, x| {
         let around: Vec<i32> = window((y, x), 3, size).map(|(y, x)| gray.row(y)[x]).collect();
         let count = around.len() as i32;
-        16 * (count * gray.row(y)[x] - around.iter().sum::<i32>()) / count
+        let rest = (count * gray.row(y)[x] - around.iter().sum::<i32>()) as f32 / count as f32;
+        (rest * parts).clamp(-7000.0, 7000.0) as i64
     });
     Plane::from_fn(size.0, size.1, |y, x| {
-        let squares = || window((y, x), 4, size).map(|(y, x)| i64::from(rest.row(y)[x]).pow(2));
+        let squares = || window((y, x), 4, size).map(|(y, x)| rest.row(y)[x].pow(2));
         squares().sum::<i64>() as f32 / squares().count() as f32
     })
 }
 
-/// The pixels that are deep in areas with at most so much detail.
-fn naive_blank(detail: &Plane<f32>, most: f32) -> BTreeSet<Place> {
-    let size = (detail.rows(), detail.cols());
-    let every = |at: Place, by: usize, is_in: &dyn Fn(Place) -> bool| window(at, by, size).all(is_in);
-    let is_blank = |(y, x): Place| detail.row(y)[x] <= most;
-    let narrow: BTreeSet<Place> = places(size).filter(|at| every(*at, 2, &is_blank)).collect();
-    let is_wide = |at: Place| window(at, 2, size).any(|at| narrow.contains(&at));
-    let wide: BTreeSet<Place> = places(size).filter(|at| is_wide(*at)).collect();
-    places(size).filter(|at| every(*at, 8, &|at| wide.contains(&at))).collect()
+/// The pixels at which nothing but noise is seen, neither there nor to all sides in a copy, and that are not sure
+/// by themselves, or at which nothing but rounding is seen. `noises`: both, and rounding.
+fn naive_unseen(gray: &Plane<i32>, noises: [f64; 2], map: &Disparity) -> BTreeSet<Place> {
+    let [noise, rounding] = noises;
+    let confidence = map.confidence.as_ref().expect("made so");
+    // Gray values of copies are 1, 4, 16, 16, ... times as large as means.
+    let mut scales = vec![naive_detail(gray, noise)];
+    let mut copy = gray.clone();
+    for k in 1..=6 {
+        let (rows, cols) = (copy.rows() / 2, copy.cols() / 2);
+        let last = if k > 2 { 4 } else { 1 };
+        copy = Plane::from_fn(rows, cols, |y, x| {
+            let four = [(0, 0), (0, 1), (1, 0), (1, 1)].map(|(v, u)| copy.row(2 * y + v)[2 * x + u]);
+            four.iter().sum::<i32>().div_euclid(last)
+        });
+        let larger = [1.0, 2.0, 4.0, 2.0, 1.0, 0.5, 0.25][k];
+        scales.push(naive_detail(&copy, larger * noise));
+    }
+
+    let least = (256.0_f64 * 256.0 * 1.5) as f32;
+    let is_unseen = |(y, x): &Place| {
+        let halved = usize::from(map.flags.row(*y)[*x] / 4096).max(2);
+        let is_seen = |k: usize| {
+            let scale = &scales[k];
+            let at = |v: i64, u: i64| {
+                let inside = |place: usize, by: i64, count: usize| {
+                    let place = (place >> k).min(count - 1) as i64 + by;
+                    place.clamp(0, count as i64 - 1) as usize
+                };
+                scale.row(inside(*y, v, scale.rows()))[inside(*x, u, scale.cols())] >= least
+            };
+            at(-7, 0) && at(7, 0) && at(0, -7) && at(0, 7)
+        };
+        let own = scales[0].row(*y)[*x];
+        let is_sure = confidence.row(*y)[*x] >= 0.9
+            && own >= (rounding / noise * 256.0 * 1.5_f64.sqrt()).powi(2) as f32;
+        own < least && !(0..=halved).any(is_seen) && !is_sure
+    };
+    places((gray.rows(), gray.cols())).filter(is_unseen).collect()
 }
 
-/// The planes of a pair whose left image has these pixels, of 16 bits.
-fn naive_planes(pixels: &Plane<i32>, min: i64, map: &Disparity) -> Disparity {
+/// The planes of a pair whose left image has these pixels, of 16 bits, and this noise.
+fn naive_planes(pixels: &Plane<i32>, noise: f64, min: i64, map: &Disparity) -> Disparity {
     // Less the middle of the range, and halved if they have more than 15 bits.
     let is_small = pixels.as_slice().iter().all(|value| *value < 256);
     let short = |value: &i32| {
@@ -320,26 +351,24 @@ fn naive_planes(pixels: &Plane<i32>, min: i64, map: &Disparity) -> Disparity {
     let confidence = map.confidence.as_ref().expect("made so");
     let least = if min < 0 { f32::NEG_INFINITY } else { 0.0 };
     // One step of rounding is half a step by then.
-    let rounding = if is_small { 16.0 } else { 8.0 };
-    let most = |steps: f64| (steps * rounding).powi(2) as f32;
+    let step = if is_small { 1.0 } else { 0.5 };
+    let rounding = step / 12_f64.sqrt();
+    let noise = (noise * step).max(rounding);
 
     let mut out = map.clone();
     let areas = naive_areas(&gray);
-    if areas.is_empty() {
-        return out;
-    }
     let first = |area: &BTreeSet<Place>, out: &mut _| {
         naive_plane((map, confidence), None, area, least, out).is_none()
     };
     let without: Vec<_> = areas.iter().filter(|area| first(area, &mut out)).collect();
 
-    let detail = naive_detail(&gray);
-    let faint = detail.map(|square| *square <= most(0.5));
+    let most = (128.0 * step / noise).powi(2) as f32;
+    let faint = naive_detail(&gray, noise).map(|square| *square <= most);
     let bounded = Plane::from_fn(gray.rows(), gray.cols(), |y, x| {
         let own = confidence.row(y)[x];
         if faint.row(y)[x] { own.min(0.4) } else { own }
     });
-    let mut unseen = naive_blank(&detail, most(0.3));
+    let mut unseen = naive_unseen(&gray, [noise, rounding], map);
     for area in without {
         let drawn = naive_plane((map, &bounded), Some(&faint), area, least, &mut out);
         let Some(drawn) = drawn else { continue };
@@ -380,7 +409,8 @@ fn scattered((rows, cols): (usize, usize), plane: [f32; 3], off: f32, salt: u64)
         flags: Plane::from_fn(rows, cols, |y, x| {
             let is_unseen = hash(salt + 7, y, x).is_multiple_of(8);
             let left_out = flag::INFERRED | if is_unseen { 0 } else { flag::MISSING };
-            (hash(salt + 6, y, x) % 4096) as u16 & !left_out
+            let halved = hash(salt + 8, y / 9, x / 9) as u16 % 5;
+            4096 * halved + ((hash(salt + 6, y, x) % 4096) as u16 & !left_out)
         }),
         confidence: Some(Plane::from_fn(rows, cols, confidence)),
         uncertainty: Some(Plane::from_fn(rows, cols, |y, x| random(salt + 7, y, x))),
@@ -391,32 +421,32 @@ fn scattered((rows, cols): (usize, usize), plane: [f32; 3], off: f32, salt: u64)
 }
 
 /// The numbers of drawn pixels and of doubted ones, which must be those of the naive planes.
-fn compared(pixels: &Plane<i32>, min: i64, map: &Disparity) -> [usize; 2] {
+fn compared(pixels: &Plane<i32>, noise: f64, min: i64, map: &Disparity) -> [usize; 2] {
     let pair = Pair::new(as_view(pixels), as_view(pixels), min, 40).expect("a legal pair");
-    let found = drawn(&pair, map.clone());
+    let found = drawn_amid(noise, &pair, map.clone());
     let count = found.flags.as_slice().iter().filter(|flags| **flags & 1024 != 0).count();
 
     let doubted = found.confidence.iter().flat_map(Plane::as_slice).filter(|c| c.to_bits() == UNSEEN).count();
 
-    assert!(ResultBits::new(found) == ResultBits::new(naive_planes(pixels, min, map)));
+    assert!(ResultBits::new(found) == ResultBits::new(naive_planes(pixels, noise, min, map)));
     [count, doubted]
 }
 
 /// The numbers of drawn and of doubted pixels of a random map, whose image has grain up to `least` where it
-/// is smooth.
-fn compared_random(salt: u64, least: f32) -> [usize; 2] {
+/// is smooth, and this noise.
+fn compared_random(salt: u64, least: f32, noise: f64) -> [usize; 2] {
     let size = (50 + hash(salt, 0, 0) as usize % 60, 60 + hash(salt, 0, 1) as usize % 60);
     let of = |index: usize| random(salt, 1, index) - 0.5;
     let plane = [0.8 * of(0), of(1), 40.0 * of(2) + 20.0];
     let min = if of(3) > 0.0 { 0 } else { -50 };
 
     let pixels = patched(size, salt + 10, least);
-    compared(&pixels, min, &scattered(size, plane, of(4) + 0.5, salt))
+    compared(&pixels, noise, min, &scattered(size, plane, of(4) + 0.5, salt))
 }
 
 #[test]
 fn planes_of_random_maps_are_those_of_a_naive_search() {
-    let counts = (0..240).step_by(20).map(|salt| compared_random(salt, 40.0)[0]);
+    let counts = (0..240).step_by(20).map(|salt| compared_random(salt, 40.0, 0.0)[0]);
     let counts: Vec<usize> = counts.collect();
 
     assert!(counts.contains(&0), "{counts:?}");
@@ -424,11 +454,15 @@ fn planes_of_random_maps_are_those_of_a_naive_search() {
 }
 
 #[test]
-fn areas_with_hardly_any_detail_are_doubted_as_by_a_naive_search() {
-    let least = |salt: u64| [2.2, 2.05][salt as usize / 20 % 3 - 1];
-    let salts = (0..240).step_by(20).filter(|salt| salt / 20 % 3 > 0);
-    let doubted: Vec<usize> = salts.map(|salt| compared_random(salt, least(salt))[1]).collect();
-    assert!(doubted.iter().any(|count| *count > 0), "{doubted:?}");
+fn what_shows_nothing_but_noise_is_doubted_as_by_a_naive_search() {
+    // Grain of hardly more than rounding, and of more.
+    for least in [2.2, 40.0] {
+        let doubted = [0.0, 6.0, 20.0, 2e4].map(|noise| {
+            let counts = (0..120).step_by(20).map(|salt| compared_random(salt, least, noise)[1]);
+            counts.sum::<usize>()
+        });
+        assert!(doubted.is_sorted() && doubted[0] + 1000 < doubted[3], "{doubted:?} with {least}");
+    }
 }
 
 #[test]
@@ -437,7 +471,7 @@ fn planes_of_awkward_areas_are_those_of_a_naive_search() {
     let gentle = [0.1, -0.1, 20.0];
     let count = |rows: Range<usize>, cols: Range<usize>, min, plane, off| {
         let pixels = textured(size, 9, 40.0, |y, x| rows.contains(&y) && cols.contains(&x));
-        compared(&pixels, min, &scattered(size, plane, off, 5))[0]
+        compared(&pixels, 0.0, min, &scattered(size, plane, off, 5))[0]
     };
 
     // In the middle, and at each border.
@@ -514,8 +548,12 @@ fn known_at_outline(view: View, surface: impl Fn(usize, usize) -> f32) -> (Pair,
     (pair, map)
 }
 
-fn drawn(pair: &Pair, mut map: Disparity) -> Disparity {
-    with_runtime(1, Level::best(), |runtime| draw(&mut map, pair, runtime)).expect("enough memory");
+fn drawn(pair: &Pair, map: Disparity) -> Disparity {
+    drawn_amid(0.0, pair, map)
+}
+
+fn drawn_amid(noise: f64, pair: &Pair, mut map: Disparity) -> Disparity {
+    with_runtime(1, Level::best(), |runtime| draw(&mut map, pair, noise, runtime)).expect("enough memory");
     map
 }
 

@@ -63,7 +63,7 @@ pub fn match_over_scales(prepared: &Prepared, settings: &Settings, runtime: Runt
     let Runtime { matcher, execution, control } = runtime;
 
     let mut map = if settings.scales {
-        decided(pair, suited, settings, runtime)?
+        decided(pair, suited, settings, estimates.harm()[0], runtime)?
     } else {
         matcher.match_calibrated(pair, &Section::whole(pair), suited, execution, control)?
     };
@@ -78,7 +78,14 @@ pub fn match_over_scales(prepared: &Prepared, settings: &Settings, runtime: Runt
 }
 
 /// Matches a pair by the settings that suit it, and decides over scales by those it was prepared from.
-fn decided(pair: &Pair, suited: &Settings, settings: &Settings, runtime: Runtime) -> Result<Disparity> {
+/// `noise` is the standard deviation of the left image's, in units of the pixels; 0: unknown.
+fn decided(
+    pair: &Pair,
+    suited: &Settings,
+    settings: &Settings,
+    noise: f64,
+    runtime: Runtime,
+) -> Result<Disparity> {
     let mut map = matched(pair, suited, runtime)?;
 
     let started = Instant::now();
@@ -89,7 +96,7 @@ fn decided(pair: &Pair, suited: &Settings, settings: &Settings, runtime: Runtime
         map.timings.is_cut_short = !runtime.control.has_time_for(map.timings.total());
         if !map.timings.is_cut_short {
             decide(&mut map, doubt, pair, settings, runtime)?;
-            planes::draw(&mut map, pair, runtime)?;
+            planes::draw(&mut map, pair, noise, runtime)?;
         }
         choice::conclude(&mut map);
     }
@@ -101,7 +108,7 @@ fn decided(pair: &Pair, suited: &Settings, settings: &Settings, runtime: Runtime
 pub fn draw_planes(map: &mut Disparity, prepared: &Prepared, runtime: Runtime) -> Result<()> {
     let doubt = Doubt::of_map(map, runtime.level())?.map_or(0.0, |doubt| doubt.share());
     if prepared.settings.scales && doubt > SOME {
-        planes::draw(map, &prepared.pair, runtime)?;
+        planes::draw(map, &prepared.pair, prepared.estimates.harm()[0], runtime)?;
     }
     Ok(())
 }

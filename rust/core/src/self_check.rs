@@ -89,7 +89,7 @@ pub const CASES: &[Case] = &[
     case(Fault::Defocus, LARGE, Work::Match(Preset::Robust, None), 0x3D7C_FEFC_EDF0_BC48),
     case(Fault::FocusApart, LARGE, Work::Match(Preset::Robust, None), 0x61BB_768A_873B_CCE7),
     case(Fault::Rows, LARGE, Work::Match(Preset::Robust, None), 0xF285_5656_4F69_21B6),
-    case(Fault::Plain, LARGE, Work::Match(Preset::Robust, None), 0x5081_ABD8_250A_F3F9),
+    case(Fault::Plain, LARGE, Work::Match(Preset::Robust, None), 0xF16B_8ED3_1B2E_AAB8),
     case(Fault::Defocus, MIDDLE, Work::Match(Preset::Robust, None), 0x5D31_3E61_3631_F18A),
     case(Fault::Motion, MIDDLE, Work::Match(Preset::Robust, None), 0xD770_0888_B851_8F38),
     case(Fault::Noise, MIDDLE, Work::Match(Preset::Robust, None), 0x9EEA_7857_435C_BD4F),
@@ -121,7 +121,7 @@ pub const CASES: &[Case] = &[
     case(Fault::None, MIDDLE, Work::After(&LOST), 0xA78B_D2FA_FFD2_A46C),
     case(Fault::Inverted, MIDDLE, Work::After(&[Fault::None; 3]), 0xA1DC_E9A8_D3A0_7870),
     case(Fault::None, SMALL, Work::Verify, 0xA857_A28D_4367_9459),
-    case(Fault::Plain, SMALL, Work::Verify, 0xB606_B1F0_E25D_A004),
+    case(Fault::Plain, SMALL, Work::Verify, 0x98ED_7B38_B80B_F4A4),
     case(Fault::Distorted, LARGE, Work::Cameras, 0x8409_60F0_2B1B_3C3F),
     case(Fault::Turned, LARGE, Work::Cameras, 0x97AA_9C1A_0881_4515),
 ];

@@ -97,4 +97,13 @@ impl Estimates {
     pub fn noise(&self) -> Option<[f64; 2]> {
         self.blur.as_ref().map(|blur| blur.noise)
     }
+
+    /// Standard deviations of the noise, or of one that would do as much harm as the loss of compression, left
+    /// and right, in units of the pixels; 0 where neither was estimated.
+    pub fn harm(&self) -> [f64; 2] {
+        let noise = self.blur.as_ref().map(|blur| blur.noise);
+        let noise = noise.or(self.compensation.as_ref().map(|plan| plan.noise)).unwrap_or_default();
+        let coding = self.blur.as_ref().map_or([0.0; 2], |blur| blur.coding);
+        [0, 1].map(|side| noise[side].max(coding[side]))
+    }
 }

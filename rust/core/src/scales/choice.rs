@@ -133,6 +133,11 @@ pub fn choose(map: &mut Disparity, doubt: &Doubt, coarse: &Disparity, level: Lev
     Ok(())
 }
 
+/// How often the copy was halved that a disparity is of, by its flags, until the map is concluded.
+pub fn halvings(flags: u16) -> usize {
+    (flags / HALVED).into()
+}
+
 /// Concludes a map once all is decided: lowers the confidences of what was chosen, as the surer one of two is
 /// less sure than it seems, and says how fine the detail is there.
 pub fn conclude(map: &mut Disparity) {
@@ -141,19 +146,19 @@ pub fn conclude(map: &mut Disparity) {
     };
 
     let (factor, wider) = CHOSEN;
-    let (mut chosen, mut halvings) = (0_u64, 0_u64);
+    let (mut chosen, mut halved) = (0_u64, 0_u64);
     let places = confidence.as_mut_slice().iter_mut().zip(uncertainty.as_mut_slice());
     for ((confidence, bar), flags) in places.zip(map.flags.as_mut_slice()) {
         if *flags & flag::COARSE != 0 {
             *confidence = lowered(*confidence, factor);
             *bar *= wider;
             chosen += 1;
-            halvings += u64::from(*flags / HALVED);
+            halved += halvings(*flags) as u64;
         }
         *flags %= HALVED;
     }
 
-    map.detail = (chosen > 0).then(|| exp2(halvings as f64 / chosen as f64));
+    map.detail = (chosen > 0).then(|| exp2(halved as f64 / chosen as f64));
 }
 
 /// The four pixels of a copy nearest to a pixel: its own, and those beside, above or below, and across.

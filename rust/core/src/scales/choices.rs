@@ -1,19 +1,26 @@
-//! The constants of planes and blank areas that are not derived: each with its unit, and the measurement that
-//! chose it. Built skies are 20 pairs of textured houses before a sky at disparity 0.
+//! The constants of planes, and of what an image shows, that are not derived: each with its unit, and the
+//! measurement that chose it. Built skies are 24 pairs of textured houses before a plain sky at disparity 0, each
+//! with noise of 0.6, 1.5 and 3 gray levels, and as JPEG.
 
 /// Pixels on either side of the mean that an image is compared with: a box as wide as a Gaussian of 2 px.
 pub const SMOOTH_RADIUS: usize = 3;
 /// Pixels on either side that detail is averaged over.
 pub const DETAIL_RADIUS: usize = 4;
-/// Steps of rounding rms that are no detail: rounding itself has 0.29, that of three channels 0.19.
-pub const BLANK: f64 = 0.3;
-/// Pixels: blank areas are as wide as a square that reaches this far to each side,
-pub const BLANK_LEAST: usize = 2;
-/// ... and nothing may be seen this far around, which is more than windows of codes and costs reach.
-pub const BLANK_DEPTH: usize = 8;
-/// Most confidence where there is no evidence: below one half nothing is trusted. Of the pixels of built
-/// skies 10 % are trusted and wrong with these bounds, 25 % without, and as many right ones are trusted
-/// there, on table tops and on planes.
+/// Standard deviation of rounding, in steps: the square root of 1/12.
+pub const ROUNDING: f64 = 0.288_675_134_594_812_9;
+/// Times the variance of the noise from which on detail is more than noise; mean squares of 81 pixels of noise
+/// have a standard deviation of 0.2. Of the built skies 16 % are trusted and wrong without it; 9, 8 and 7 % with
+/// 1.3, 1.5 and 2. Of scenes with noise of 5 gray levels 71.2 % are trusted and right without it; 70.5, 70.1 and
+/// 69.3 % with these.
+pub const SEEN: f64 = 1.5;
+/// How often an image is halved at least in search of more than noise. With 1, a tenth of the trusted pixels of
+/// scenes with noise of 5 gray levels are doubted, of which three quarters are right; with 3, half as much of the
+/// skies as with 2.
+pub const HALVINGS: usize = 2;
+/// The probability of a plane with which all agrees, and from which on a pixel is sure by itself.
+pub const TRUST: f32 = 0.9;
+/// Most confidence where there is no evidence: below one half nothing is trusted. Of noisy scenes 60 % of what it
+/// bounds is right, of built skies 3 %.
 pub const UNSEEN: f32 = 0.4;
 /// Steps of rounding rms that are hardly any detail: 1.7 times what rounding has. Only where an area has no
 /// plane by all of its pixels: a bound by detail in every area would take the planes from Monopoly.

@@ -1,96 +1,196 @@
-//! How much an image shows around each pixel: what is left of its gray values without their means nearby.
+//! What an image shows around each pixel, and whether that is more than its noise.
 //!
 //! ```text
-//! rest   = g - mean of g over 7 x 7 pixels
-//! detail = root mean square of rest over 9 x 9 pixels
-//! blank  = detail <= BLANK steps of rounding, opened by 5 x 5, and so for 8 px around
+//! gray[0]    = gray values of the image;  gray[k + 1] = means of squares of four of gray[k]
+//! noise[k]   = noise / 2^k
+//! rest[k]    = gray[k] - mean of gray[k] over 7 x 7 pixels
+//! detail[k]  = mean square of rest[k] / noise[k], over 9 x 9 pixels
+//! sides[k]   = least detail[k] of the four places SIDE pixels to the left and right, above and below
+//! seen[y, x] = detail[0] >= SEEN at (y, x), or sides[k] >= SEEN at (y, x) / 2^k,
+//!              for a k up to the number of times that the copy was halved whose disparity the pixel has, or HALVINGS
 //! ```
 //!
-//! Rests are integers, in parts of a step of gray values, and clipped: from `MOST` on, one alone makes more
-//! detail than any bound. So the sums of their squares have no error, and fit into 32 bits.
+//! Where nothing is seen, codes are those of noise, or of an edge that windows reach: a pixel may match there,
+//! and agree with others, but not by what the image shows. The four places part the two. Beside the edge of a
+//! house, a plain sky shows detail on one side alone; a faintly textured wall shows it on all sides.
 //!
-//! In a blank area the codes are those of rounding, or of nothing. A pixel there may match, and even agree
-//! with others, but not by what the image shows.
+//! Noise is estimated from the quietest blocks. If all blocks show fine texture, that counts as noise, but such
+//! texture is matched with confidence: pixels that are sure by themselves, `TRUST`, are doubted only where their
+//! detail is that of rounding.
+//!
+//! Rests are integers, in parts of the noise, and clipped: from `MOST` on, one alone makes more detail than any
+//! bound. So the sums of their squares have no error, and fit into 32 bits.
 
-use crate::scales::choices::{BLANK, BLANK_DEPTH, BLANK_LEAST, DETAIL_RADIUS, SMOOTH_RADIUS};
-use crate::scales::flat_areas::{grown, shrunk};
+use std::borrow::Cow;
+
+use crate::scales::choice::halvings;
+use crate::scales::choices::{DETAIL_RADIUS, FAINT, HALVINGS, ROUNDING, SEEN, SMOOTH_RADIUS, TRUST};
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::plane::{Plane, TASK_ROWS};
 use phasestereo_match::base::simd::{Level, leveled, whole};
 use phasestereo_match::image::window_sums::Windows;
 use phasestereo_match::matcher::runtime::Runtime;
 
-/// Parts of a step of gray values that a rest has.
-const PARTS: i32 = 16;
+/// Parts of the noise that a rest has.
+const PARTS: f64 = 256.0;
 /// Largest rest, in these parts: the sum of its squares over a window fits into 32 bits.
-const MOST: i32 = 7000;
+const MOST: f32 = 7000.0;
 const _: () = assert!((MOST as u64).pow(2) * ((2 * DETAIL_RADIUS + 1) as u64).pow(2) <= u32::MAX as u64);
+/// Pixels to each side: the windows there end at the pixel.
+const SIDE: usize = SMOOTH_RADIUS + DETAIL_RADIUS;
+/// Copies whose gray values are sums of four of the larger ones, without rounding; those of smaller ones are
+/// means. So they fit into 32 bits.
+const SUMMED: usize = 2;
 
-/// The detail around each pixel of an image.
-pub struct Detail {
-    /// Mean squares, in squares of parts of a step.
+/// The copy that shows more than noise if none does.
+const NOWHERE: u8 = u8::MAX;
+
+/// The detail of an image.
+pub struct Detail<'a> {
+    /// Gray values of 15 bits.
+    gray: &'a Plane<i32>,
+    /// The standard deviation of their noise, not below that of rounding.
+    noise: f64,
+    /// One step of rounding; 0: floats.
+    step: f64,
+    /// Mean squares, in squares of parts of the noise.
     squares: Plane<f32>,
-    /// One step of rounding, in the same parts.
-    rounding: f64,
 }
 
-impl Detail {
-    /// The detail of an image of gray values of 15 bits, which were rounded to multiples of this step; 0:
-    /// floats.
-    pub fn new(gray: &Plane<i32>, rounding: f64, runtime: Runtime) -> Result<Self> {
-        let size = gray.size();
-        let means = Windows::new(size, SMOOTH_RADIUS);
-        let rest = Plane::by_bands(size, TASK_ROWS, |first, band| {
-            runtime.control.checkpoint()?;
-            let values = |y: usize| gray.row(y).iter().map(|gray| [*gray]);
-            means.write((first, band), values, |_, _, [sum]: [i32; 1]| sum, runtime.level())?;
-            for (y, rests) in (first..).zip(band.chunks_exact_mut(size.1)) {
-                write_rests(runtime.level(), means, y, gray.row(y), rests);
-            }
-            Ok(())
-        })?;
-
-        let around = Windows::new(size, DETAIL_RADIUS);
-        let values = |y: usize| rest.row(y).iter().map(|rest| [(rest * rest) as u32]);
-        let mean = move |y: usize, x: usize, [sum]: [u32; 1]| sum as f32 / around.pixels(y, x) as f32;
-        let squares = around.plane(values, mean, runtime.level(), runtime.control)?;
-
-        Ok(Self { squares, rounding: rounding * f64::from(PARTS) })
+impl<'a> Detail<'a> {
+    /// The detail of gray values of 15 bits with noise of this standard deviation, 0 if it is unknown, which were
+    /// rounded to multiples of this step; 0: floats, which may have been rounded, too.
+    pub fn new(gray: &'a Plane<i32>, noise: f64, step: f64, runtime: Runtime) -> Result<Self> {
+        let noise = noise.max(ROUNDING * step);
+        Ok(Self { gray, noise, step, squares: squares(gray, noise, runtime)? })
     }
 
-    /// Whether gray values were rounded, so that hardly any detail is more than none.
-    pub fn is_rounded(&self) -> bool {
-        self.rounding > 0.0
+    /// The pixels with hardly any detail; `None`: any is more than none.
+    pub fn faint(&self) -> Option<Plane<bool>> {
+        let most = square_of(FAINT * self.step / self.noise);
+        (self.step > 0.0).then(|| self.squares.map(|square| *square <= most))
     }
 
-    /// The pixels whose detail is at most this number of steps of rounding.
-    pub fn at_most(&self, steps: f64) -> Plane<bool> {
-        let side = (2 * DETAIL_RADIUS + 1) as f64;
-        let most = (steps * self.rounding).min(f64::from(MOST - 1) / side).powi(2) as f32;
-        self.squares.map(|square| *square <= most)
-    }
+    /// The pixels without evidence: nothing but noise is seen, and they are not sure by themselves, or nothing but
+    /// rounding. `flags` are those of a map whose scales are not concluded.
+    pub fn unseen(
+        self,
+        flags: &Plane<u16>,
+        confidence: &Plane<f32>,
+        runtime: Runtime,
+    ) -> Result<Plane<bool>> {
+        let halved = flags.as_slice().iter().map(|flags| halvings(*flags)).max().unwrap_or(0);
+        let rounding = square_of(SEEN.sqrt() * ROUNDING * self.step / self.noise);
+        let scales = self.of_copies(halved.max(HALVINGS), runtime)?;
 
-    /// The pixels deep in blank areas; `None`: there are none.
-    pub fn blank(&self, runtime: Runtime) -> Result<Option<Plane<bool>>> {
-        let blank = self.at_most(BLANK);
-        if !blank.as_slice().contains(&true) {
-            return Ok(None);
+        let (rows, cols) = scales[scales.len() - 1].size();
+        let mut first = Plane::from_fn(rows.div_ceil(2), cols.div_ceil(2), |_, _| NOWHERE);
+        for (k, squares) in scales.iter().enumerate().rev() {
+            first = Plane::by_rows(squares.size(), runtime.control, |y, seen: &mut [u8]| {
+                double(first.row((y / 2).min(first.rows() - 1)), seen);
+                mark_seen(runtime.level(), squares, y, k as u8, seen);
+            })?;
         }
 
-        let wide = shrunk(&blank, BLANK_LEAST, runtime)?;
-        let wide = grown(&wide, BLANK_LEAST, runtime)?;
-        shrunk(&wide, BLANK_DEPTH, runtime).map(Some)
+        Plane::by_rows(flags.size(), runtime.control, |y, unseen: &mut [bool]| {
+            let known = first.row(y).iter().zip(flags.row(y));
+            let own = confidence.row(y).iter().zip(scales[0].row(y));
+            for ((unseen, (first, flags)), (confidence, square)) in unseen.iter_mut().zip(known).zip(own) {
+                let is_unseen = usize::from(*first) > halvings(*flags).max(HALVINGS);
+                *unseen = is_unseen & ((*confidence < TRUST) | (*square < rounding));
+            }
+        })
     }
+
+    /// The squares of the image and of its copies, down to one with this many halvings, if the image is large enough.
+    fn of_copies(self, halved: usize, runtime: Runtime) -> Result<Vec<Plane<f32>>> {
+        let mut scales = vec![self.squares];
+        let mut copy = Cow::Borrowed(self.gray);
+        for k in 1..=halved {
+            if copy.rows().min(copy.cols()) < 2 {
+                break;
+            }
+            copy = Cow::Owned(sums_of_four(&copy, if k > SUMMED { 2 } else { 0 }, runtime)?);
+            let noise = self.noise * 2_f64.powi(2 * k.min(SUMMED) as i32 - k as i32);
+            scales.push(squares(&copy, noise, runtime)?);
+        }
+        Ok(scales)
+    }
+}
+
+/// The square of this multiple of the noise.
+fn square_of(times: f64) -> f32 {
+    // A single rest that is clipped is more.
+    let side = (2 * DETAIL_RADIUS + 1) as f64;
+    (times * PARTS).min((f64::from(MOST) - 1.0) / side).powi(2) as f32
+}
+
+/// Copies a row of a copy to one that is twice as wide, or by one pixel more.
+fn double(from: &[u8], to: &mut [u8]) {
+    let (pairs, rest) = to.as_chunks_mut::<2>();
+    pairs.iter_mut().zip(from).for_each(|(pair, from)| *pair = [*from; 2]);
+    rest.fill(from[from.len() - 1]);
+}
+
+/// Writes `k` to those pixels of row `y` at which copy `k` shows more than noise.
+#[leveled]
+fn mark_seen(level: Level, squares: &Plane<f32>, y: usize, k: u8, seen: &mut [u8]) {
+    let least = square_of(SEEN.sqrt());
+    let (last, end) = (squares.rows() - 1, seen.len() - 1);
+    let rows = [y, y.saturating_sub(SIDE), (y + SIDE).min(last)].map(|y| &squares.row(y)[..=end]);
+    let [own, above, below] = rows;
+    let mut mark = |x: usize, left: f32, right: f32| {
+        let sides = left.min(right).min(above[x]).min(below[x]);
+        let is_seen = (sides >= least) | ((k == 0) & (own[x] >= least));
+        seen[x] = if is_seen { k } else { seen[x] };
+    };
+
+    let inner = SIDE.min(end)..(end + 1).saturating_sub(SIDE);
+    for x in (0..inner.start).chain(inner.end.max(inner.start)..=end) {
+        mark(x, own[x.saturating_sub(SIDE)], own[(x + SIDE).min(end)]);
+    }
+    for (x, (left, right)) in inner.clone().zip(own.iter().zip(own.iter().skip(2 * SIDE))) {
+        mark(x, *left, *right);
+    }
+}
+
+/// Sums of squares of four pixels, without their last bits.
+fn sums_of_four(gray: &Plane<i32>, bits: u32, runtime: Runtime) -> Result<Plane<i32>> {
+    let size = (gray.rows() / 2, gray.cols() / 2);
+    Plane::by_rows(size, runtime.control, |y, sums: &mut [i32]| {
+        let [upper, lower] = [2 * y, 2 * y + 1].map(|y| gray.row(y).as_chunks::<2>().0);
+        for (sum, (upper, lower)) in sums.iter_mut().zip(upper.iter().zip(lower)) {
+            *sum = (upper[0] + upper[1] + lower[0] + lower[1]) >> bits;
+        }
+    })
+}
+
+/// The mean squares of detail around each pixel, in squares of parts of this noise.
+fn squares(gray: &Plane<i32>, noise: f64, runtime: Runtime) -> Result<Plane<f32>> {
+    let size = gray.size();
+    let (means, parts) = (Windows::new(size, SMOOTH_RADIUS), (PARTS / noise) as f32);
+    let rest = Plane::by_bands(size, TASK_ROWS, |first, band| {
+        runtime.control.checkpoint()?;
+        let values = |y: usize| gray.row(y).iter().map(|gray| [*gray]);
+        means.write((first, band), values, |_, _, [sum]: [i32; 1]| sum, runtime.level())?;
+        for (y, rests) in (first..).zip(band.chunks_exact_mut(size.1)) {
+            write_rests(runtime.level(), means, y, gray.row(y), parts, rests);
+        }
+        Ok(())
+    })?;
+
+    let around = Windows::new(size, DETAIL_RADIUS);
+    let values = |y: usize| rest.row(y).iter().map(|rest| [(rest * rest) as u32]);
+    let mean = move |y: usize, x: usize, [sum]: [u32; 1]| sum as f32 / around.pixels(y, x) as f32;
+    around.plane(values, mean, runtime.level(), runtime.control)
 }
 
 /// Makes rests of the sums of gray values over the windows of row `y`.
 #[leveled]
-fn write_rests(level: Level, means: Windows, y: usize, gray: &[i32], rests: &mut [i32]) {
+fn write_rests(level: Level, means: Windows, y: usize, gray: &[i32], parts: f32, rests: &mut [i32]) {
     for (x, (rest, gray)) in rests.iter_mut().zip(gray).enumerate() {
         let count = means.pixels(y, x) as i32;
-        let parts = PARTS * (count * gray - *rest);
-        // Exact: floats of such quotients are finer than one part of the largest window.
-        let quotient = parts.clamp(-MOST * count, MOST * count) as f32 / count as f32;
-        *rest = whole(quotient) as i32;
+        let quotient = (count * gray - *rest) as f32 / count as f32 * parts;
+        *rest = whole(quotient.clamp(-MOST, MOST)) as i32;
     }
 }

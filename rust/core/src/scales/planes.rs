@@ -28,13 +28,13 @@
 //! odds of an error fall in proportion to the tolerance: 9 (1 - p) / p px for 90 %.
 //!
 //! An outline is evidence only if it is the area's own. A table's is; that of a sky behind houses is the
-//! houses', whose surfaces go on outside. And where nothing but rounding is seen, nothing is evidence
+//! houses', whose surfaces go on outside. And where nothing but noise is seen, nothing is evidence
 //! (detail.rs):
 //!
 //! ```text
 //! occluder   = share of the pixels OUTSIDE the area that are sure (weight > LEAST_WEIGHT) and within GOES_ON px of the plane
 //! p          = at most UNSEEN where occluder > OCCLUDER, but for EVIDENCE_REACH px around what is sure and agrees
-//! confidence = at most UNSEEN in blank areas, of planes or not
+//! confidence = at most UNSEEN where nothing but noise is seen, of planes or not
 //! ```
 //!
 //! An area without a plane may have wrong matches of hardly any detail. It gets a second attempt without
@@ -46,7 +46,7 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
-use crate::scales::choices::{EVIDENCE_REACH, FAINT, GOES_ON, LEAST_AGREEING, OCCLUDER, OUTSIDE, UNSEEN};
+use crate::scales::choices::{EVIDENCE_REACH, GOES_ON, LEAST_AGREEING, OCCLUDER, OUTSIDE, TRUST, UNSEEN};
 use crate::scales::detail::Detail;
 use crate::scales::flat_areas::{FlatArea, flat_areas, grown};
 use phasestereo_match::base::error::Result;
@@ -90,8 +90,6 @@ const TILE: usize = 4;
 const NEARBY: usize = 7;
 /// The mean weight nearby that counts as much as the whole area.
 const PRIOR: f32 = 0.2;
-/// The probability of a plane with which all agrees.
-const TRUST: f32 = 0.9;
 /// How far the confidence that it competes with is averaged.
 const FEW: usize = 4;
 /// Least difference that is drawn, pixels.
@@ -113,8 +111,9 @@ struct Drawn {
     rows: Vec<(usize, Vec<(u32, f32)>)>,
 }
 
-/// Draws the planes of a pair into its map.
-pub fn draw(map: &mut Disparity, pair: &Pair, runtime: Runtime) -> Result<()> {
+/// Draws the planes of a pair into its map, and doubts what shows nothing but noise. `noise` is the standard
+/// deviation of the left image's, in units of the pixels; 0: unknown.
+pub fn draw(map: &mut Disparity, pair: &Pair, noise: f64, runtime: Runtime) -> Result<()> {
     let Some(confidence) = &map.confidence else { return Ok(()) };
     let [left, _] = pair.views();
     let lost = left.scale().surplus();
@@ -123,17 +122,13 @@ pub fn draw(map: &mut Disparity, pair: &Pair, runtime: Runtime) -> Result<()> {
         _ => Cow::Owned(left.gray().map(|gray| gray >> lost)),
     };
     let areas = flat_areas(&gray, runtime)?;
-    if areas.is_empty() {
-        return Ok(());
-    }
 
-    // Whoever has floats may have rounded them anyhow.
-    let rounding = left.scale().step().map_or(0.0, |step| left.scale().steps(step));
-    let detail = Detail::new(&gray, rounding / f64::from(1u32 << lost), runtime)?;
+    let steps = |pixels: f64| left.scale().steps(pixels) / f64::from(1u32 << lost);
+    let step = left.scale().step().map_or(0.0, steps);
+    let detail = Detail::new(&gray, steps(noise), step, runtime)?;
+    let faint = if areas.is_empty() { None } else { detail.faint() };
+    let unseen = detail.unseen(&map.flags, confidence, runtime)?;
     drop(gray);
-    let blank = detail.blank(runtime)?;
-    let faint = detail.is_rounded().then(|| detail.at_most(FAINT));
-    drop(detail);
     let scene = Scene {
         disparity: &map.disparity,
         flags: &map.flags,
@@ -147,12 +142,12 @@ pub fn draw(map: &mut Disparity, pair: &Pair, runtime: Runtime) -> Result<()> {
 
     // Every plane competes with the map as it was matched.
     let drawn: Result<Vec<_>> = areas.par_iter().map(|area| scene.drawn(area)).collect();
-    let (drawn, unseen) = scene.with_second_attempts(&areas, drawn?, faint)?;
+    let (drawn, disproved) = scene.with_second_attempts(&areas, drawn?, faint)?;
     for drawn in drawn {
         drawn.write(map);
     }
-    for unseen in [blank, unseen].into_iter().flatten() {
-        doubt(map, &unseen);
+    for doubted in [Some(unseen), disproved].into_iter().flatten() {
+        doubt(map, &doubted);
     }
     Ok(())
 }
