@@ -28,196 +28,193 @@ class Settings:
         Matching cost of two pixels. Default ``"phase"``.
 
         - ``"phase"``: The Hamming distance of their phase codes (unit: bits; eq. 7).
-        - ``"sad"``: The absolute difference of their gray levels, of which the intensity range has
-          255; color becomes gray first (unit: gray levels).
-        - ``"nsad"``: The same after gray levels have been normalized by the mean and the standard
-          deviation in the window around the pixel (unit: standard deviations).
-        - ``"zncc"``: 1 less the zero-mean normalized cross-correlation of the gray levels of their
-          neighborhoods (unit: 1; from 0 for alike neighborhoods to 2 for inverted ones).
+        - ``"sad"``: The absolute difference of their gray levels, 255 of which span the intensity
+          range; color becomes gray first (unit: gray levels).
+        - ``"nsad"``: The same, after gray levels are normalized by the mean and the standard
+          deviation of the window around the pixel (unit: standard deviations).
+        - ``"zncc"``: 1 minus the zero-mean normalized cross-correlation of the gray levels of their
+          neighborhoods (unit: 1; from 0 for equal neighborhoods to 2 for inverted ones).
     neighborhood
-        Side L of the square neighborhood that a phase code describes, or that ``"zncc"``
-        correlates, pixels. Larger ones resist blur better and fatten the foreground more. An odd
-        integer from 3 to 63. Default ``3`` (paper ``7``, fast ``9``).
+        Side L of the square neighborhood that a phase code describes or ``"zncc"`` correlates,
+        pixels. Larger ones resist blur better and fatten the foreground more. An odd integer from 3
+        to 63. Default ``3`` (paper ``7``, fast ``9``).
     taper
         The window under the local Fourier transform. Default ``"uniform"``.
 
-        - ``"uniform"``: Every pixel of the neighborhood has the same weight, as in the paper; it
-          alone costs the same whatever L is.
+        - ``"uniform"``: Every pixel of the neighborhood has the same weight, as in the paper. Only
+          this one costs the same for every L.
         - ``"gaussian"``: A Gaussian of standard deviation (L - 1) / 4.
         - ``"hann"``: A raised cosine that would reach zero one pixel outside the neighborhood.
     frequencies
-        Highest frequency indices (r, s) of the transform along x and y that a code has (eq. 3).
-        Each is at most (L - 1) / 2. Two integers from 0 to 4, not both 0. Default ``(1, 1)`` (paper
-        ``(2, 1)``).
+        Highest frequency indices (r, s) of the transform along x and y in a code (eq. 3). Each is
+        at most (L - 1) / 2. Two integers from 0 to 4, not both 0. Default ``(1, 1)`` (paper ``(2,
+        1)``).
     power
         Power k of the spectrum (eq. 3). 2 makes the codes blind to the sign flips of a symmetric
-        blur beyond its first zero, and less discriminative. An integer from 1 to 2. Default ``1``.
+        blur beyond its first zero, but less discriminative. An integer from 1 to 2. Default ``1``.
     bits
         Bits b of each phase: it is quantized to 2^b levels (eq. 3). A pixel's code takes (r (2 s +
         1) + s) 2^(b - 1) bits, at most 64. An integer from 1 to 4. Default ``2``.
     noise_threshold
         Noise threshold: a part of the spectrum must exceed it to count as clear. Real and imaginary
-        parts of up to this number of standard deviations of the image noise in them count as weak:
-        where there is little texture their signs are noise. A weak part differs by one from a clear
-        one, and clear ones of opposite signs by two; so a pixel's code takes twice the bits. It
-        needs 2 ``bits`` and phase codes, and the noise, which a match estimates unless it is given.
-        0: there is no such level. A number from 0 to 100. Default ``0.5`` (paper ``0.0``, fast
-        ``0.0``).
+        parts of up to this many standard deviations of their image noise count as weak: where there
+        is little texture, their signs are noise. A weak part differs by one from a clear one, and
+        clear ones of opposite signs by two, so a pixel's code takes twice the bits. It needs 2
+        ``bits``, phase codes, and the noise, which a match estimates unless it is given. 0: no weak
+        level. A number from 0 to 100. Default ``0.5`` (paper ``0.0``, fast ``0.0``).
     sizes
-        Number of sizes of neighborhoods that a code describes. With 2 the bits of ``neighborhood``
-        are joined by those of one that is two pixels larger, of which only the components (0, 1)
-        and (1, 0) count; these alone have the weak level. Small neighborhoods keep details, larger
-        ones stand noise, compression and softness. It needs a ``neighborhood`` of 61 at most, and
+        Number of neighborhood sizes that a code describes. With 2, a neighborhood two pixels larger
+        adds its bits to those of ``neighborhood``. Of the larger one only the components (0, 1) and
+        (1, 0) count, and only these have the weak level. Small neighborhoods keep details; larger
+        ones resist noise, compression and softness. It needs a ``neighborhood`` of 61 at most, and
         without a weak level takes (r (2 s + 1) + s + 2) 2^(b - 1) bits. An integer from 1 to 2.
         Default ``2`` (paper ``1``, fast ``1``).
     window
         Side of the square aggregation window, pixels. It may be larger than the image (OpenCV's
         ``blockSize``). An odd integer from 1 to 63. Default ``5`` (paper ``9``, fast ``9``).
     shiftable
-        Whether the best of five windows counts, or the centered one alone. The pixel anchors them
-        at the center, top, bottom, left and right (section 2.3). Default ``False`` (paper
-        ``True``).
+        Whether the best of five windows counts, or only the centered one. The pixel is at their
+        center, top, bottom, left and right (section 2.3). Default ``False`` (paper ``True``).
     precision
         Precision of aggregated costs. Default ``"byte"`` (paper ``"full"``).
 
-        - ``"full"``: Exactly.
-        - ``"byte"``: To few enough bits that each fits a byte, which is nearly twice as fast: from
-          the sum of each column of the window the lowest n bits are dropped, the least n for which
-          window * (window * ceiling >> n) <= 170, the ceiling being the largest cost of one pixel;
-          one more where only so the largest sum and P2 together fit a byte, if that leaves a
-          largest sum of at least 80. So totals fit one, too, unless penalties are large.
+        - ``"full"``: Exact.
+        - ``"byte"``: Rounded to fit a byte each, which is nearly twice as fast. The sum of each
+          column of the window drops its lowest n bits: the smallest n for which window * (window *
+          ceiling >> n) <= 170, where the ceiling is the largest cost of one pixel. It drops one
+          more if the largest sum and P2 together fit a byte only then, and the largest sum stays at
+          least 80. Totals then fit a byte too, unless penalties are large.
     optimizer
-        Optimizer: the way from costs to disparities. Default ``"sgm"`` (paper ``"dp"``, fast
-        ``"so"``).
+        Optimizer: how costs become disparities. Default ``"sgm"`` (paper ``"dp"``, fast ``"so"``).
 
         - ``"dp"``: One-pass dynamic programming along the row under the ordering constraint
-          (section 2.3): from a pixel to the next the disparity stays, rises by one or drops to any
-          smaller one.
-        - ``"so"``: Scanline optimization without the ordering constraint: the least mean of two
-          paths along the row, from the left and from the right. Along a path the disparity stays,
-          changes by one either way, for P1, or jumps to any other, for P2 (Hirschmüller, *Stereo
-          Processing by Semiglobal Matching and Mutual Information*, PAMI 2008).
-        - ``"wta"``: Winner-takes-all, each pixel by itself.
-        - ``"sgm"``: Semi-global matching, the least mean of four such paths: from the left, the
-          right, above and below. Those from above and below begin 16 rows outside each band of 64
-          rows, so that bands depend on nothing else: memory does not grow with the height, and
-          parts of a pair are those of the whole.
+          (section 2.3): from one pixel to the next the disparity stays, rises by one, or drops to
+          any smaller one.
+        - ``"so"``: Scanline optimization without the ordering constraint: the minimum of the mean
+          of two paths along the row, from the left and from the right. Along a path the disparity
+          stays, changes by one either way at cost P1, or jumps to any other at cost P2
+          (Hirschmüller, *Stereo Processing by Semiglobal Matching and Mutual Information*, PAMI
+          2008).
+        - ``"wta"``: Winner-takes-all: each pixel by itself.
+        - ``"sgm"``: Semi-global matching: the minimum of the mean of four such paths, from the
+          left, the right, above and below. Paths from above and below begin 16 rows outside each
+          band of 64 rows, so each band depends on nothing else: memory does not grow with the
+          height, and a part of a pair matches as it does in the whole.
     p1
-        P1, what a change of disparity by one costs along a path. The unit is that of the cost, as
-        averaged over the window (OpenCV's ``P1``). With ``"dp"``: what a rise by one costs.
+        P1: the cost of a change of disparity by one along a path. The unit is that of the cost,
+        averaged over the window (OpenCV's ``P1``). With ``"dp"``, the cost of a rise by one.
         ``"wta"`` ignores it. A number from 0 to 65535. Default ``6.0`` (paper ``2.0``, fast
         ``3.0``).
     p2
-        P2, what any other change of disparity costs, at least P1. The unit is that of ``p1``
-        (OpenCV's ``P2``). With ``precision="byte"`` it also decides how coarsely costs are rounded.
-        With ``"dp"``: what a drop costs, however deep. ``"wta"`` ignores it. A number from 0 to
-        65535. Default ``24.0`` (paper ``2.0``, fast ``16.0``).
+        P2: the cost of any other change of disparity, at least P1. The unit is that of ``p1``
+        (OpenCV's ``P2``). With ``precision="byte"``, it also decides how coarsely costs are
+        rounded. With ``"dp"``, the cost of a drop of any depth. ``"wta"`` ignores it. A number from
+        0 to 65535. Default ``24.0`` (paper ``2.0``, fast ``16.0``).
     adaptive_p2
         Adaptive P2: how large a jump of the gray value lowers P2. With ``"so"`` and ``"sgm"``:
-        where the gray value of the left image jumps from one pixel of a path to the next by more
-        than this multiple of the mean difference of neighbors, P2 is halved, by more than three
-        times that, a third of it, but at least P1. 0: nowhere. A number from 0 to 1000. Default
-        ``1.0`` (paper ``0.0``, fast ``2.0``).
+        where the gray value of the left image changes from one pixel of a path to the next by more
+        than this multiple of the mean difference of neighbors, P2 is halved; by more than three
+        times that, it is divided by three. It stays at least P1. 0: never lowered. A number from 0
+        to 1000. Default ``1.0`` (paper ``0.0``, fast ``2.0``).
     compensate_blur
-        Whether the relative blur of the images is estimated, and the sharper one blurred alike. The
-        images are blurred area by area, before they are compared; it needs phase codes. Slight blur
-        is left, but in noise. What is left of more blur is described by larger neighborhoods: in
-        noise, or where it is wide in all directions (a disk of 3.2 pixels), ``neighborhood`` and
-        ``window`` are two pixels larger than said (``neighborhood`` four, where all of it is
-        Gaussian, of 2.25 pixels or more), 61 and 63 at most; with 2 ``sizes`` both neighborhoods
+        Whether to estimate the relative blur of the images, and blur the sharper one to match. The
+        images are blurred area by area before they are compared; it needs phase codes. Slight blur
+        is left, except in noise. Larger neighborhoods cope with the rest of stronger blur: in
+        noise, or if it is wide in all directions (a disk of 3.2 pixels), ``neighborhood`` and
+        ``window`` are two pixels larger than set (``neighborhood`` four if the blur is all
+        Gaussian, of 2.25 pixels or more), up to 61 and 63. With 2 ``sizes``, both neighborhoods
         grow. Default ``True`` (paper ``False``, fast ``False``).
     align_rows
-        Whether vertical offsets between the rows of the images are estimated, and the right image
-        straightened. The estimate is a smooth field of vertical offsets (shift, turn, focal length,
-        keystone, distortion), and a spline of the row where rows sway. Where these are significant,
-        the right image is straightened by them, that is resampled along its columns; where they are
-        slight, only if some bands are matched better so. Of an interlaced image whose fields are
-        shifted the even rows alone are matched, but for parts of a pair. Default ``True`` (paper
-        ``False``, fast ``False``).
-    self_rectify
-        Whether a pair that is too far from rectified for that is rectified by what its images show,
-        and matched then. It is tried where small copies hardly match: turned, tilted, zoomed and
-        toed-in cameras, lenses that distort. It is done where they match better so, and said;
-        disparities are then x - x' of the images as they came. Default ``True`` (paper ``False``,
+        Whether to estimate vertical offsets between the rows of the images, and straighten the
+        right image. The estimate is a smooth field of vertical offsets (shift, turn, focal length,
+        keystone, distortion), and a spline of the row if rows sway. If the offsets are significant,
+        the right image is straightened: resampled along its columns. If they are slight, it is only
+        if some bands match better that way. If the fields of an interlaced image are shifted, only
+        its even rows are matched, except in parts of a pair. Default ``True`` (paper ``False``,
         fast ``False``).
+    self_rectify
+        Whether to rectify a pair whose rows are too far off to straighten, from its images, before
+        it is matched. It is tried if small copies hardly match: turned, tilted, zoomed and toed-in
+        cameras, lenses that distort. It is kept if they match better, and a finding reports it;
+        disparities are then x - x' of the original images. Default ``True`` (paper ``False``, fast
+        ``False``).
     despike
-        Whether impulses (hot, dead and stuck pixels, salt and pepper) are detected and repaired.
-        They take the median of their eight neighbors before all else; it needs phase codes. An
-        image has some if more than 4e-5 of its pixels lie beyond the range of their neighbors
-        (without the largest and the smallest) by more than three times that range and 40 gray
-        levels of 256; then those are repaired that do by more than it and 20. Black to white is 8
-        bits, the bits that values of 16 bits use, or the range of floats. Default ``True`` (paper
-        ``False``, fast ``False``).
+        Whether to detect and repair impulses (hot, dead and stuck pixels, salt and pepper). Before
+        anything else, they take the median of their eight neighbors; it needs phase codes. An image
+        has impulses if more than 4e-5 of its pixels lie beyond the range of their neighbors
+        (without the largest and the smallest) by more than three times that range plus 40 gray
+        levels of 256; then pixels beyond it by more than that range plus 20 levels are repaired.
+        Black to white is 8 bits, the bits that 16-bit values use, or the range of floats. Default
+        ``True`` (paper ``False``, fast ``False``).
     denoise
-        Whether noise and the artifacts of compression are smoothed away before the images are
-        described. The noise of the images, and what compression in blocks (JPEG, video) has lost,
-        are estimated; edges are kept. It needs phase codes. The weak level stays that of the noise
-        as it was. Default ``True`` (paper ``False``, fast ``False``).
+        Whether to smooth away noise and compression artifacts before the images are described. The
+        noise of the images and the loss from block compression (JPEG, video) are estimated; edges
+        are kept. It needs phase codes. The weak level stays that of the original noise. Default
+        ``True`` (paper ``False``, fast ``False``).
     intensity_range
-        Intensities (black, white) of the images, which set the unit of gray levels of all costs but
-        ``"phase"``. Values beyond one range below black or above white are clamped. None: 0 to 255
-        for values of 8 bits, of whatever type; else the range in which the pixels of both images
-        lie, but for 0.1 % at either end. Phase codes do not depend on it. Two numbers of magnitude
-        up to 1e300, the first smaller, or None. Default ``None``.
+        Intensities (black, white) of the images, which set the unit of gray levels for all costs
+        but ``"phase"``. Values more than one range below black or above white are clamped. None: 0
+        to 255 for 8-bit values of any type; else the range of the pixels of both images, without
+        0.1 % at either end. Phase codes do not depend on it. Two numbers of magnitude up to 1e300,
+        the first smaller, or None. Default ``None``.
     subpixel
         Whether disparities lie between whole pixels. They are then at the tip of a V through the
-        costs about the chosen one, corrected for what a V gets wrong, and smoothed over 7 x 7
-        pixels of the same surface. Default ``True`` (paper ``False``, fast ``False``).
+        costs around the chosen one, corrected for the error of a V, and smoothed over 7 x 7 pixels
+        of the same surface. Default ``True`` (paper ``False``, fast ``False``).
     lr_check
-        Left-right check: by how many pixels the disparities of two left pixels with one match may
-        differ. A pixel is flagged when the right pixel that was chosen for it fits another left
-        pixel better whose disparity differs by more (OpenCV's ``disp12MaxDiff``). None: no check.
-        An integer from 0 to 16384, or None. Default ``1`` (paper ``None``, fast ``None``).
+        Left-right check: most pixels by which the disparities of two left pixels with one match may
+        differ. A pixel is flagged if the right pixel chosen for it fits another left pixel better
+        whose disparity differs by more (OpenCV's ``disp12MaxDiff``). None: no check. An integer
+        from 0 to 16384, or None. Default ``1`` (paper ``None``, fast ``None``).
     uniqueness
         Percent by which the second-best cost must exceed that of the chosen disparity. A pixel is
-        flagged unless its disparity costs less by at least this percentage than the best of those
+        flagged unless its disparity costs less, by at least this percentage, than the best of those
         more than one pixel away (OpenCV's ``uniquenessRatio``). 0: no check. An integer from 0 to
         100. Default ``0``.
     speckle_size
-        Most pixels of a region that is taken for a speckle. Regions of up to this size that differ
-        from all around them are flagged (OpenCV's ``speckleWindowSize``). 0: no check. Default
+        Largest region that counts as a speckle, pixels. Regions of up to this size that differ from
+        everything around them are flagged (OpenCV's ``speckleWindowSize``). 0: no check. Default
         ``100`` (paper ``0``, fast ``0``).
     speckle_range
-        Pixels by which the disparities of neighbors in one region differ at most (OpenCV's
+        Most pixels by which the disparities of neighbors in one region differ (OpenCV's
         ``speckleRange``). A number from 0 to 16384. Default ``1.0``.
     synthesis
-        Whether disparities near jumps are those that best explain the blurred image (analysis by
-        synthesis). Where one image alone is blurred, they are taken from the map at hand, or it
-        eroded or dilated by 4 pixels, by which of them the blurred image can best be made again
-        from the sharp one. Default ``True`` (paper ``False``, fast ``False``).
+        Whether to choose the disparities near jumps that best explain the blurred image (analysis
+        by synthesis). If only one image is blurred, they come from the current map, or from it
+        eroded or dilated by 4 pixels, whichever best reproduces the blurred image from the sharp
+        one. Default ``True`` (paper ``False``, fast ``False``).
     guided_median
-        Whether edges in depth are aligned with those of the left image (guided median). Near a jump
-        of the disparities a pixel takes the median of those of similar gray value; OpenCV's
-        ``ximgproc.createDisparityWLSFilter`` is akin. Default ``True`` (paper ``False``, fast
+        Whether to align depth edges with those of the left image (guided median). Near a jump of
+        the disparities, a pixel takes the median of those of similar gray value; OpenCV's
+        ``ximgproc.createDisparityWLSFilter`` is similar. Default ``True`` (paper ``False``, fast
         ``False``).
     median
-        Side of the square over which disparities give way to their median. 0: they do not. 0 or 3.
-        Default ``3`` (paper ``0``).
+        Side of the square median filter over disparities. 0: no filter. 0 or 3. Default ``3``
+        (paper ``0``).
     fill
         Whether pixels that fail a check are filled from the background beside them, or left without
-        an estimate. Those are the pixels that the left-right check, ``uniqueness`` or the removal
-        of speckles flags, and with any of these also those whose match lies outside the right
-        image; not filled, they become NaN. Without such checks nothing is filled: all estimates
-        stay, flagged. Default ``True``.
+        an estimate. These are the pixels that the left-right check, ``uniqueness`` or the speckle
+        filter flags, and with any of these also those whose match lies outside the right image. If
+        not filled, they become NaN. Without such checks nothing is filled: all estimates stay,
+        flagged. Default ``True``.
     confidence
-        Whether confidences are computed. Default ``True`` (fast ``False``).
+        Whether to compute confidences. Default ``True`` (fast ``False``).
     min_confidence
-        Least confidence of an estimate that stays in the map. Estimates of less confidence, filled
-        ones too, become NaN and are flagged: 0.9 leaves those of which at most one in ten is
-        expected to be off by more than 1 pixel. A number from 0 to 1. Default ``0.0``.
+        Lowest confidence of an estimate that stays in the map. Estimates of lower confidence,
+        including filled ones, become NaN and are flagged: with 0.9, at most one in ten of the
+        others is expected to be off by more than 1 pixel. A number from 0 to 1. Default ``0.0``.
     scales
         Whether smaller copies of the pair, and planes, decide where they are more likely to be
-        right. Copies of half the size, a quarter and so on decide, as on plain surfaces in large
-        images, and flat areas become planes where these are (flags ``COARSE`` and ``INFERRED``).
-        From 384 disparities on a copy also sets where each part of the image is searched. It needs
-        phase codes, and confidences, which are computed for it without ``confidence``, too. Parts
-        of a pair are matched without. Default ``True`` (paper ``False``, fast ``False``).
+        right. Copies of half the size, a quarter and so on may be right on plain surfaces in large
+        images; flat areas may become planes (flags ``COARSE`` and ``INFERRED``). With 384 or more
+        disparities, a copy also sets where each part of the image is searched. It needs phase codes
+        and confidences, which are computed for it even without ``confidence``. Parts of a pair are
+        matched without it. Default ``True`` (paper ``False``, fast ``False``).
     budget
-        Seconds after which a match leaves out what it can do without. Cameras are not looked for,
-        and smaller copies and planes are left out, as far as these would end later by what the
-        match has taken so far, and a finding reports it. The match itself is never cut short. Which
-        parts fit depends on the machine and its load. None: as long as it takes. A number from 0 to
-        86400, or None. Default ``None``.
+        Seconds after which a match skips optional parts. The search for cameras, smaller copies and
+        planes are skipped if they would end later, judging by the time taken so far, and a finding
+        reports it. The match itself is never cut short. Which parts fit depends on the machine and
+        its load. None: no limit. A number from 0 to 86400, or None. Default ``None``.
 
     Raises
     ------

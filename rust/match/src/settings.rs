@@ -16,7 +16,7 @@ pub use self::table::{CostKind, DESCRIPTIONS, Optimizer, Precision, Settings, Ta
 
 /// Largest neighborhood and largest aggregation window, pixels.
 pub const LARGEST_WINDOW: usize = 63;
-/// Pixels by which the second size of neighborhoods is larger than the first.
+/// Pixels by which the second neighborhood size exceeds the first.
 pub const LARGER: usize = 2;
 /// Most disparities that one match may search.
 pub const MOST_DISPARITIES: usize = 16_384;
@@ -47,8 +47,8 @@ impl Settings {
         Ok(())
     }
 
-    /// Sets the field of this name to a value that is written as in Python, or with "none", "true" and
-    /// "false" in small letters and pairs as "0, 4095"; [`Self::check`] has to be called afterwards.
+    /// Sets the field of this name from text: as Python writes it, or with lowercase "none", "true" and
+    /// "false", and pairs as "0, 4095". Call [`Self::check`] afterward.
     pub fn set(&mut self, name: &str, text: &str) -> Result<()> {
         let Some(setting) = DESCRIPTIONS.iter().find(|setting| setting.name == name) else {
             let names: Vec<_> = DESCRIPTIONS.iter().map(|setting| setting.name).collect();
@@ -57,7 +57,7 @@ impl Settings {
         self.set_value(setting, &setting.kind.read(text, setting.name)?)
     }
 
-    /// Sets a field to a value; [`Self::check`] has to be called afterwards.
+    /// Sets a field to a value. Call [`Self::check`] afterward.
     pub fn set_value(&mut self, setting: &SettingDescription, value: &Value) -> Result<()> {
         if self.put(setting.name, value) {
             return Ok(());
@@ -97,7 +97,7 @@ impl Settings {
         self.neighborhood + if self.has_larger() { LARGER } else { 0 }
     }
 
-    /// Bits of one pixel's code: `2^(b-1)` for each component, twice as many where there is a weak level.
+    /// Bits of one pixel's code: `2^(b-1)` for each component, twice that with a weak level.
     pub fn code_length(&self) -> usize {
         let (all, larger) = (self.components(), self.larger_components());
 
@@ -120,7 +120,7 @@ impl Settings {
         self.confidence || self.min_confidence > 0.0 || self.scales
     }
 
-    /// Whether costs beside that of the chosen candidate are needed.
+    /// Whether costs other than that of the chosen candidate are needed.
     pub fn needs_evidence(&self) -> bool {
         let checks_choices = self.lr_check.is_some() || self.uniqueness > 0;
 

@@ -1,4 +1,4 @@
-//! The types of settings and their values: as text, and on their way to and from Python.
+//! The types of settings and their values, as text and on their way to and from Python.
 
 use std::fmt::{Display, Formatter, Result as Written};
 
@@ -9,15 +9,15 @@ use crate::base::error::{Error, Result};
 pub enum Kind {
     /// True or false.
     Boolean,
-    /// An integer that is not negative.
+    /// A nonnegative integer.
     Integer,
     /// A number.
     Number,
-    /// One of these words; the second of each is its meaning.
+    /// One of these words; each is paired with its meaning.
     Word(&'static [(&'static str, &'static str)]),
-    /// Two of a kind.
+    /// Two values of a kind.
     Pair(&'static Kind),
-    /// One of a kind, or nothing.
+    /// A value of a kind, or nothing.
     Optional(&'static Kind),
 }
 
@@ -26,7 +26,7 @@ pub enum Kind {
 pub struct SettingDescription {
     /// Its name.
     pub name: &'static str,
-    /// Its meaning: a first sentence, and after an empty line the rest.
+    /// Its meaning: a first sentence, and the rest after an empty line.
     pub documentation: &'static str,
     /// Its type.
     pub kind: Kind,
@@ -37,11 +37,11 @@ pub struct SettingDescription {
 /// The value of any setting.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Value {
-    /// Nothing, of what is optional.
+    /// The empty value of an optional setting.
     Nothing,
     /// True or false.
     Boolean(bool),
-    /// An integer that is not negative.
+    /// A nonnegative integer.
     Integer(usize),
     /// A number.
     Number(f64),
@@ -56,22 +56,22 @@ pub trait Setting: Copy {
     /// Its type.
     const KIND: Kind;
 
-    /// The setting of a value; `None`: the value is of another kind.
+    /// The setting from a value; `None`: the value is of another kind.
     fn from_value(value: &Value) -> Option<Self>;
 
-    /// The value of a setting.
+    /// The setting as a value.
     fn to_value(self) -> Value;
 }
 
 impl Kind {
-    /// The word of this kind that is written so.
+    /// The word of this kind with this spelling.
     pub fn word(&self, text: &str) -> Option<Value> {
         let Self::Word(words) = self else { return None };
         words.iter().find(|(word, _)| *word == text).map(|(word, _)| Value::Word(word))
     }
 
-    /// Reads a value of this kind that is written as in Python, or with "none", "true" and "false" in small
-    /// letters, a pair without its parentheses.
+    /// Reads a value of this kind: as Python writes it, or with lowercase "none", "true" and "false"; a pair
+    /// without its parentheses.
     pub fn read(&self, text: &str, name: &'static str) -> Result<Value> {
         self.parse(text.trim()).ok_or_else(|| Error::value(name, format!("'{text}'"), self))
     }

@@ -1,7 +1,7 @@
 //! The macros of the table of settings.
 
 /// Makes an enum of the words that a setting can be: each variant is a word in C and Python, and its
-/// documentation is the word's meaning there.
+/// documentation is the meaning of the word there.
 macro_rules! words {
     ($(
         $(#[doc = $about:literal])+
@@ -13,7 +13,7 @@ macro_rules! words {
             pub enum $type { $($(#[doc = $meaning])+ $variant,)+ }
 
             impl $type {
-                /// All of them.
+                /// All variants.
                 pub const ALL: &[Self] = &[$(Self::$variant),+];
             }
 
@@ -36,7 +36,7 @@ macro_rules! words {
     };
 }
 
-/// Makes of each entry of the table
+/// Turns each entry of the table
 ///
 /// ```text
 /// /// Its meaning, in a sentence.
@@ -45,9 +45,10 @@ macro_rules! words {
 /// name: type, in range, default value, paper value, fast value;
 /// ```
 ///
-/// a field of `Settings` with this documentation, its value in each preset, the check of its range, the way
-/// to and from a `Value`, and a `SettingDescription` from which Python's class and the reference are written.
-/// Without a range every value of the type is accepted; presets that are not mentioned have the default.
+/// into a field of `Settings` with this documentation, its value in each preset, the check of its range, its
+/// conversion to and from a `Value`, and a `SettingDescription` from which Python's class and the reference
+/// are written. Without a range, every value of the type is accepted; presets that are not mentioned have the
+/// default.
 macro_rules! settings {
     ($(
         $(#[doc = $doc:literal])+
@@ -56,7 +57,7 @@ macro_rules! settings {
     )+) => {
         /// All settings of a match; the defaults are those of [`Preset::Robust`].
         ///
-        /// Settings will be added: write those that matter, and the others as `..Settings::default()`.
+        /// More settings will be added: write those you need, and `..Settings::default()` for the others.
         #[derive(Debug, Clone, PartialEq)]
         pub struct Settings {
             $(
@@ -77,7 +78,7 @@ macro_rules! settings {
         }),+];
 
         impl Preset {
-            /// Its settings.
+            /// The settings of the preset.
             pub fn settings(self) -> Settings {
                 let mut settings = Settings { $($name: $default),+ };
                 match self {
@@ -107,7 +108,7 @@ macro_rules! settings {
                 vec![$(self.$name.to_value()),+]
             }
 
-            /// Sets the field of this name if the value is of its kind; returns whether it is.
+            /// Sets the field of this name if the value is of its kind; returns whether it did.
             pub(super) fn put(&mut self, name: &str, value: &Value) -> bool {
                 match name {
                     $(stringify!($name) => Setting::from_value(value).map(|value| self.$name = value),)+

@@ -9,7 +9,7 @@ use crate::named;
 named! {
     /// A named set of settings.
     pub enum Preset {
-        /// The default: it estimates what the pair lacks (blur, rows, impulses, noise) and compensates for it,
+        /// The default: it estimates blur, row offsets, impulses and noise and compensates for them,
         /// describes two sizes of neighborhoods, searches along four paths, checks, fills and smooths.
         Robust = "robust",
         /// The method of Pedone & Heikkilä, ACIVS 2008, as published.

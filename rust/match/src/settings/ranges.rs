@@ -5,7 +5,7 @@ use crate::settings::kind::Setting;
 
 /// The values that a setting of some type accepts.
 pub struct Range<T> {
-    /// Which they are, as in "accepts an integer from 1 to 4".
+    /// Their description, as in "accepts an integer from 1 to 4".
     pub text: String,
     contains: Box<dyn Fn(T) -> bool>,
 }
@@ -24,13 +24,13 @@ impl<T: Setting> Range<T> {
     }
 }
 
-/// Integers between these, both included.
+/// Integers from `least` to `most`, both included.
 pub fn integer(least: usize, most: usize) -> Range<usize> {
     let text = format!("an integer from {least} to {most}");
     Range::new(text, move |value| (least..=most).contains(&value))
 }
 
-/// Odd integers between these, both included.
+/// Odd integers from `least` to `most`, both included.
 pub fn odd(least: usize, most: usize) -> Range<usize> {
     let text = format!("an odd integer from {least} to {most}");
     Range::new(text, move |value| value % 2 == 1 && (least..=most).contains(&value))
@@ -41,19 +41,19 @@ pub fn either(one: usize, other: usize) -> Range<usize> {
     Range::new(format!("{one} or {other}"), move |value| [one, other].contains(&value))
 }
 
-/// Numbers from 0 to this, both included.
+/// Numbers from 0 to `most`, both included.
 pub fn number(most: f64) -> Range<f64> {
     // The range does not contain NaN, so this refuses it, too.
     Range::new(format!("a number from 0 to {most}"), move |value| (0.0..=most).contains(&value))
 }
 
-/// Two integers from 0 to this, not both 0.
+/// Two integers from 0 to `most`, not both 0.
 pub fn indices(most: usize) -> Range<(usize, usize)> {
     let text = format!("two integers from 0 to {most}, not both 0");
     Range::new(text, move |(one, other): (usize, usize)| (1..=most).contains(&one.max(other)))
 }
 
-/// Two numbers of a magnitude up to this, the first smaller.
+/// Two numbers of magnitude up to `most`, the first one smaller.
 pub fn rising(most: f64) -> Range<(f64, f64)> {
     let text = format!("two numbers of magnitude up to {most:e}, the first smaller");
     Range::new(text, move |(low, high): (f64, f64)| low < high && low.abs().max(high.abs()) <= most)
