@@ -1,4 +1,5 @@
-//! What all stages stand on: errors, planes, memory, threads, arithmetic that is the same on every platform.
+//! The basis of all stages: errors, planes, memory, threads, and arithmetic that is the same on every
+//! platform.
 
 pub mod control;
 pub mod digest;

@@ -1,7 +1,7 @@
 //! The choices of this crate: numbers that neither follow from a definition nor are learned.
 //!
-//! Each has its unit, and what chose it. Sizes of buffers, lanes and fixed-point steps follow from the
-//! algorithms and stand with them.
+//! Each has its unit and the evidence that chose it. Sizes of buffers, lanes and fixed-point steps follow
+//! from the algorithms and are defined beside them.
 
 /// Makes a documented constant of each entry.
 macro_rules! choices {
@@ -23,27 +23,28 @@ choices! {
     LEAST_BORDER: f64 = 0.004, in "share of the image",
         evidence "of 108 photographs none has such runs of its least value over more than 0.16 %";
 
-    /// Fewest rows and columns of an image of which borders and overlays are looked for.
+    /// Fewest rows and columns of an image that is searched for borders and overlays.
     LEAST_MASKED: usize = 48, in "pixels", evidence "estimates need these";
 
     /// Shortest piece of a border along a side.
     SHORTEST_BORDER: usize = 8, in "pixels",
         evidence "noise about black has shorter pieces, since each ends at a brighter pixel on the side";
 
-    /// Farthest that a border goes on with pixels that are nearly black.
+    /// Farthest that a border continues with nearly black pixels.
     RIM: usize = 16, in "pixels", evidence "blocks of JPEG and video whose colors are halved";
 
     /// Brightest of these pixels, above the border.
     RIM_LEVELS: f64 = 12.0, in "gray levels",
         evidence "JPEG 90 leaves 0.9 % of the black beside photographs brighter, JPEG 50 2.2 %; 8 levels 1.9 %, 4.1 %";
 
-    /// Most that the outline of a border is off a convex or concave one.
+    /// Most that the outline of a border deviates from a convex or concave one.
     RAGGED_BORDER: f64 = 0.22, in "share of the area",
         evidence "frames, circles, turned and bent rectangles have up to 0.02, after JPEG 0.2; houses and trees before a \
                black sky 0.28 and more";
 }
 
-// Overlays. Those of 21 scenes with clocks, captions, boxes and logos, and some 2 900 pairs without any, were tried.
+// Overlays. They were tried on 21 scenes with clocks, captions, boxes and logos, and on some 2 900 pairs
+// without any.
 choices! {
     /// Side of the cells in which edges are counted.
     OVERLAY_CELL: usize = 8, in "pixels", evidence "the blocks of JPEG";
@@ -51,45 +52,45 @@ choices! {
     /// Columns from one side of an edge to the other.
     EDGE_WIDTH: usize = 2, in "pixels", evidence "the edge of a letter is softened over one between; not swept";
 
-    /// Rows and columns of cells at which two of them still belong to one area.
+    /// Rows and columns of cells up to which two of them belong to one area.
     JOINED_CELLS: (usize, usize) = (3, 5), in "cells", evidence "letters of one line are as near; not swept";
 
     /// Rows by which the right image is moved to count edges that are equal by chance.
     ROWS_OFF: [isize; 4] = [-24, -12, 12, 24], in "pixels", evidence "not swept";
 
-    /// Cells around an area in which the disparity of the scene is looked for.
+    /// Cells around an area that are searched for the disparity of the scene.
     CELLS_AROUND: usize = 3, in "cells", evidence "not swept";
 
     /// Rows and columns beside an edge of both images within which edges may be its own.
     EDGE_MARGIN: (usize, usize) = (1, 3), in "pixels", evidence "not swept";
 
-    /// What the width is divided by for the largest disparity that is tried, on either side.
+    /// Divisor of the width that gives the largest disparity tried, on either side.
     OVERLAY_REACH: usize = 4, in "1", evidence "not swept";
 
     /// Least height of a sharp edge along a row.
     SHARP_EDGE: i32 = 24, in "gray levels", evidence "letters have more; noise of 4 has none";
 
-    /// Most that two equal pixels differ; an eighth of the height of the edge, if that is more.
+    /// Most by which two equal pixels differ; an eighth of the height of the edge, if that is more.
     EQUAL_LEVELS: i32 = 3, in "gray levels", evidence "what JPEG 70 changes beside edges of 24";
 
-    /// Fewest edges of an overlay at the same place in both images, in squares of 16 x 16 pixels, too.
+    /// Fewest edges of an overlay at the same place in both images, and in squares of 16 x 16 pixels.
     LEAST_EDGES: u32 = 12, in "pixels",
         evidence "of 40 photographed pairs, 27 have no square with 12; a line of text has 30 to 100 in one";
 
-    /// How many times as many edges an overlay has as there are by chance, at least.
+    /// Least ratio of the edges of an overlay to those expected by chance.
     CLEAR_EDGES: f64 = 3.0, in "times",
         evidence "letters have 3 to 40 times as many; of 40 photographed pairs one has 2.4 times";
 
-    /// Evidence that edges of an overlay are not there by chance, at least.
+    /// Least evidence that the edges of an overlay are not there by chance.
     CERTAIN_EDGES: f64 = 200.0, in "bits", evidence "lines of text have 200 to 10 000; without an overlay, 137";
 
-    /// Gray levels that the edges of an overlay have, but for a few.
+    /// Gray levels that nearly all edges of an overlay have.
     OVERLAY_COLORS: usize = 3, in "gray levels", evidence "letters, their shadow and a box around them";
 
-    /// By how much pixels of one color differ from it.
+    /// Most by which pixels of one color differ from it.
     COLOR_LEVELS: usize = 5, in "gray levels", evidence "what JPEG 70 changes beside letters";
 
-    /// Share of the edges of letters, at least, that are equal on one side alone: beside them is the scene.
+    /// Least share of the edges of letters that are equal on one side only: the scene is on the other.
     LEAST_OUTLINE: f64 = 0.25, in "share of the edges",
         evidence "most lines of text have 0.33 to 0.82; what is seen of another scene at disparity 0, 0.06 to 0.3";
 
@@ -100,10 +101,10 @@ choices! {
     /// Least height of the edges that show where the scene is.
     FAINT_EDGE: i32 = 3, in "gray levels", evidence "noise of 1.5 gray levels reaches it at one pixel in ten";
 
-    /// Evidence that what is around an overlay is at another disparity, at least.
+    /// Least evidence that the surroundings of an overlay are at another disparity.
     CERTAIN_BESIDE: f64 = 20.0, in "bits", evidence "200 disparities are tried; by chance one has 12";
 
-    /// How many times the evidence that it is at disparity 0 that is, at least.
+    /// Least ratio of this evidence to that for disparity 0.
     ELSEWHERE: f64 = 32.0, in "times",
         evidence "of 1 000 pairs with a scene at disparity 0 behind near things, none that is painted has as much";
 
@@ -140,34 +141,34 @@ choices! {
     LARGE_JUMP: u32 = 3, in "thresholds",
         evidence "of 12 scenes under 5 faults 0.12 points fewer pixels are wrong with 2, and 0.02 more with 4";
 
-    /// What P2 is divided by after no jump, a small and a large one.
+    /// Divisors of P2 after no jump, a small one and a large one.
     P2_DIVISORS: [u64; 3] = [1, 2, 3], in "ratio", evidence "not swept";
 
-    /// Weight of the costs of a pixel alone beside the mean of the totals of paths, which P1 draws to whole
+    /// Weight of the costs of the pixel alone against the mean of the path totals, which P1 draws to whole
     /// disparities.
     SUBPIXEL_COST_WEIGHT: u32 = 2, in "1",
         evidence "with more, fractions are more even on rendered pairs, and real pairs have a few more wrong \
                pixels";
 
-    /// How much steeper than a V the interpolation is at the candidate; half-way to the next one it is as
-    /// much flatter.
+    /// How much steeper than a V the interpolation is at the candidate; halfway to the next one it is flatter
+    /// by as much.
     SUBPIXEL_STEEPNESS: f32 = 0.3, in "1",
         evidence "fractions are most even on rendered and on real pairs together";
 }
 
 // Refinement.
 choices! {
-    /// Neighboring disparities that differ by more are a jump.
+    /// Neighboring disparities that differ by more form a jump.
     JUMP: f32 = 1.0, in "pixels", evidence "the largest difference of disparities on one surface";
 
-    /// Most rows between a row without a trusted pixel and the row that it copies.
+    /// Most rows between a row without a trusted pixel and the row it copies.
     FILLING_REACH: usize = 32, in "rows",
         evidence "such rows are rare, and rows further away say nothing about them";
 
-    /// Least mean difference of neighbors that gray values are compared by.
+    /// Least mean difference of neighbors that serves as the unit for gray values.
     LEAST_ROUGHNESS: f64 = 1.0 / 16.0, in "steps of gray values", evidence "keeps the scale of flat images finite";
 
-    /// Rows and columns on either side that surfaces are smoothed over.
+    /// Rows and columns on either side over which surfaces are smoothed.
     SURFACE_REACH: usize = 3, in "pixels", evidence "larger ones bend curved surfaces";
 
     /// Largest difference of the disparities of neighbors on one surface.
@@ -178,18 +179,18 @@ choices! {
         evidence "fewer repair less of a wide blur; several radii in turn repair a little more and take as much \
                longer";
 
-    /// Side of the window that maps are compared over.
+    /// Side of the window over which maps are compared.
     SYNTHESIS_WINDOW: usize = 15, in "pixels", evidence "from 11 to 19 it makes no difference";
 
     /// Largest difference of disparities that count as the same.
     SAME_DISPARITY: f32 = 0.5, in "pixels",
         evidence "slopes stay as they are, which helps sub-pixel disparities more than it costs elsewhere";
 
-    /// Columns on either side of a gap in the right view that its brightness is adapted to.
+    /// Columns on either side of a gap in the right view to which its brightness is adapted.
     BESIDE_GAP: usize = 16, in "columns",
         evidence "it counts where the contrast of the images differs; under 5 faults 11 and 21 change 0.03 points";
 
-    /// How far ahead of all others the best candidate of a pixel with half a vote is.
+    /// Lead of the best candidate over all others at which a pixel has half a vote.
     HALF_VOTE: f32 = 4.0, in "units of the mean cost (bits, for phase codes of 16 bits)",
         evidence "from half to twice of it makes no difference";
 
@@ -206,7 +207,7 @@ choices! {
     /// Difference of gray values at which a vote counts half.
     SIMILAR_GRAY: f64 = 2.0, in "mean differences of horizontal neighbors", evidence "hardly matters";
 
-    /// The cube of the support with which half of all disparities are right.
+    /// The cube of the support at which half of all disparities are right.
     HALF_SUPPORT: f32 = 0.01, in "cube of a share",
         evidence "logistic regression of right and wrong on the logarithm of the support, half of the weight on \
                sharp and half on degraded pairs";
@@ -214,16 +215,16 @@ choices! {
     /// Rows from one sampled row to the next.
     SAMPLE_PERIOD: usize = 64, in "rows", evidence "all rows take a fifth longer";
 
-    /// Images of up to this height are summed whole.
+    /// Images up to this height are summed whole.
     FEW_ROWS: usize = 768, in "rows", evidence "not swept";
 
-    /// Bands of rows that are summed of higher images.
+    /// Bands of rows that are summed in taller images.
     SAMPLED_BANDS: usize = 3, in "bands", evidence "not swept";
 
     /// Rows of such a band.
     SAMPLED_BAND_ROWS: usize = 96, in "rows", evidence "not swept";
 
-    /// The odds of a mean raw confidence below which a pair is likely to have failed.
+    /// The odds of a mean raw confidence below which a pair has probably failed.
     LOW_ODDS: f64 = 1.5, in "logarithm of odds", evidence "not swept";
 
     /// Least mean raw confidence that is distinguished.
@@ -234,7 +235,7 @@ choices! {
     /// Least distance of a share from 0 and 1.
     LEAST_SHARE: f64 = 0.004, in "ratio", evidence "not swept";
 
-    /// Noise that counts as none.
+    /// Noise that counts as zero.
     NO_NOISE: f64 = 0.3, in "gray levels of 256", evidence "the noise of rounding to 8 bits is 0.29";
 
     /// Smoothing that counts as none.

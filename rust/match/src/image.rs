@@ -1,4 +1,4 @@
-//! Images: what callers hand over, and what is done to pixels before they are described.
+//! Images: the callers' pixels, and all that is done to them before they are described.
 
 pub mod blocking;
 pub mod border;

@@ -7,35 +7,36 @@ use std::time::Duration;
 use crate::base::error::{Error, Result};
 use crate::base::platform::Instant;
 
-/// Progress and cancellation, shared between the threads that match and the one that waits for them.
+/// Progress and cancellation, shared by the threads that match and the one that waits for them.
 #[derive(Debug, Default)]
 pub struct Control {
     cancelled: Arc<AtomicBool>,
     rows_done: AtomicUsize,
     rows_expected: AtomicUsize,
-    /// When the match began, and what it may take.
+    /// When the match began, and its time limit.
     budget: OnceLock<(Instant, Duration)>,
-    /// What checkpoints leave of it.
+    /// The time that checkpoints keep in reserve.
     reserved: Option<Duration>,
 }
 
 impl Control {
-    /// A control for work whose rows are not those of the disparity map: it is cancelled together with this
-    /// one, and its rows are counted apart.
+    /// A control for work whose rows do not belong to the disparity map: it is cancelled together with this
+    /// one, but counts its own rows.
     #[doc(hidden)]
     pub fn aside(&self) -> Self {
         let (cancelled, budget) = (Arc::clone(&self.cancelled), self.budget.clone());
         Self { cancelled, budget, ..Self::default() }
     }
 
-    /// The same for work that ends at the next checkpoint with [`Error::Cancelled`] once no more than this is
-    /// left of the budget.
+    /// Like [`Self::aside`], but checkpoints return [`Error::Cancelled`] once only this much of the budget is
+    /// left.
     #[doc(hidden)]
     pub fn aside_leaving(&self, reserved: Duration) -> Self {
         Self { reserved: Some(reserved), ..self.aside() }
     }
 
-    /// Begins to count the time of a match that may take this, seconds. A match that counts goes on counting.
+    /// Starts the clock of a match that may take this many seconds. If the clock is already running, it keeps
+    /// running.
     #[doc(hidden)]
     pub fn begin(&self, budget: Option<f64>) {
         if let Some(seconds) = budget {
@@ -43,7 +44,7 @@ impl Control {
         }
     }
 
-    /// Whether work that takes this fits in what is left of the budget.
+    /// Whether this work fits in the rest of the budget.
     #[doc(hidden)]
     pub fn has_time_for(&self, work: Duration) -> bool {
         self.budget.get().is_none_or(|(begun, budget)| begun.elapsed() + work <= *budget)
@@ -55,12 +56,12 @@ impl Control {
         self.cancelled.load(Ordering::Relaxed)
     }
 
-    /// Asks every thread to stop at its next checkpoint.
+    /// Asks all threads to stop at their next checkpoints.
     pub fn cancel(&self) {
         self.cancelled.store(true, Ordering::Relaxed);
     }
 
-    /// An error once [`Self::cancel`] was called, or a reserve would be used; long loops call this every few
+    /// An error after [`Self::cancel`], or once the reserve would be used; long loops call this every few
     /// milliseconds.
     #[doc(hidden)]
     pub fn checkpoint(&self) -> Result<()> {
@@ -74,13 +75,13 @@ impl Control {
         self.rows_done.fetch_add(rows, Ordering::Relaxed);
     }
 
-    /// Says that the map will have this many rows: not those of the left image, since the pair was turned.
+    /// Sets the number of rows of the map if it is not that of the left image, since the pair was turned.
     #[doc(hidden)]
     pub fn expect_rows(&self, rows: usize) {
         self.rows_expected.store(rows, Ordering::Relaxed);
     }
 
-    /// The rows of the map of a pair that was turned; `None`: those of the left image.
+    /// The number of rows of a turned pair's map; `None`: that of the left image.
     pub fn rows_expected(&self) -> Option<usize> {
         Some(self.rows_expected.load(Ordering::Relaxed)).filter(|rows| *rows > 0)
     }

@@ -1,5 +1,5 @@
-//! Everything that can go wrong, in one enum; the extension module turns each kind into Python's own
-//! exception type.
+//! Everything that can go wrong, in one enum; the extension module turns each kind into a Python exception
+//! type.
 
 use thiserror::Error;
 
@@ -35,12 +35,12 @@ pub enum Error {
 pub type Result<T> = std::result::Result<T, Error>;
 
 impl Error {
-    /// A refused value, in the crate's one form: name, what it got, what it accepts.
+    /// A refused value in the crate's one form: name, value, accepted values.
     pub fn value(argument: &'static str, got: impl ToString, accepts: impl ToString) -> Self {
         Self::Value { argument, got: got.to_string(), accepts: accepts.to_string() }
     }
 
-    /// The same about another argument, of which the refused value is a part.
+    /// The same error about another argument that contains the refused value.
     pub fn about(self, argument: &'static str) -> Self {
         match self {
             Self::Value { got, accepts, .. } => Self::Value { argument, got, accepts },

@@ -8,14 +8,14 @@
 
 use super::math;
 
-/// Symmetric equations `matrix x = target`; of the matrix, the lower triangle is used.
+/// Symmetric equations `matrix x = target`; only the lower triangle of the matrix is used.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Normal<const N: usize> {
     /// The matrix.
     pub matrix: [[f64; N]; N],
     /// The right side.
     pub target: [f64; N],
-    /// The number of unknowns, at most `N`: the first ones. The others are 0.
+    /// The number of unknowns, at most `N`. Those beyond it are 0.
     pub count: usize,
 }
 
@@ -27,12 +27,12 @@ pub struct Cholesky<const N: usize> {
 }
 
 impl<const N: usize> Normal<N> {
-    /// The equations of no observations.
+    /// Equations without observations.
     pub fn new(count: usize) -> Self {
         Self { matrix: [[0.0; N]; N], target: [0.0; N], count }
     }
 
-    /// The equations of unknowns with a prior: mean 0, variances `1 / weights`.
+    /// Equations of unknowns with a prior of mean 0 and variances `1 / weights`.
     pub fn held(weights: [f64; N]) -> Self {
         let mut normal = Self::new(N);
         for (index, weight) in weights.into_iter().enumerate() {
@@ -62,7 +62,7 @@ impl<const N: usize> Normal<N> {
         self
     }
 
-    /// The same with the diagonal times `1 + share`.
+    /// The same, with the diagonal times `1 + share`.
     pub fn damped(mut self, share: f64) -> Self {
         for index in 0..self.count {
             self.matrix[index][index] *= 1.0 + share;
@@ -70,12 +70,12 @@ impl<const N: usize> Normal<N> {
         self
     }
 
-    /// The unknowns; `None` where the matrix is not positive definite.
+    /// The unknowns; `None` if the matrix is not positive definite.
     pub fn solved(&self) -> Option<[f64; N]> {
         Some(self.factor()?.solved(self.target))
     }
 
-    /// The factor of the matrix; `None` where it is not positive definite.
+    /// The factor of the matrix; `None` if it is not positive definite.
     pub fn factor(&self) -> Option<Cholesky<N>> {
         let mut lower = [[0.0f64; N]; N];
         for row in 0..self.count {
@@ -116,14 +116,14 @@ impl<const N: usize> Cholesky<N> {
         (0..self.count).map(|at| math::ln(self.lower[at][at])).sum()
     }
 
-    /// The ratio of the first pivot to the least one of the first `count`: large where the observations
-    /// hardly determine a term.
+    /// The ratio of the first pivot to the smallest of the first `count`: large if the observations hardly
+    /// determine a term.
     pub fn condition(&self, count: usize) -> f64 {
         let least = (0..count).map(|at| self.lower[at][at]).fold(self.lower[0][0], f64::min);
         (self.lower[0][0] / least).powi(2)
     }
 
-    /// Solves the equations of the lower triangle.
+    /// Solves the lower triangular equations.
     fn forward(&self, mut values: [f64; N]) -> [f64; N] {
         for row in 0..self.count {
             let known: f64 = (0..row).map(|k| self.lower[row][k] * values[k]).sum();

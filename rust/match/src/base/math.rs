@@ -1,21 +1,22 @@
 //! Elementary functions of doubles, the same to the bit on every platform.
 //!
-//! The methods of `f64` call the C library of the platform, and libraries differ in the last bit. These are
-//! written in Rust: nothing but additions, multiplications and divisions, which IEEE 754 defines. Clippy
-//! refuses the methods (`clippy.toml`). What is exact stays a method: `sqrt`, `floor`, `round`, `mul_add`; so
-//! does `powi`, a fixed sequence of multiplications that the compiler brings along. Single precision goes
-//! through these and is rounded.
+//! The methods of `f64` call the platform's C library, and libraries differ in the last bit. These functions
+//! are written in Rust with nothing but additions, multiplications and divisions, which IEEE 754 defines.
+//! Clippy refuses the methods (`clippy.toml`). Exact ones stay methods: `sqrt`, `floor`, `round`, `mul_add`;
+//! so does `powi`, a fixed sequence of multiplications that the compiler provides. Single precision is
+//! computed in these and rounded.
 
 use crate::base::simd::whole;
 
 pub use libm::{atan2, cos, exp, exp2, hypot, log as ln, sin, sincos as sin_cos};
 
-/// The exponential of a single, within 3e-7 of it; arguments beyond 80 count as 80. Loops with it are vectorized.
+/// The exponential of a single, with an error of at most 3e-7 of it; arguments beyond 80 count as 80. Loops
+/// with it are vectorized.
 #[inline(always)]
 pub fn exp_single(value: f32) -> f32 {
     let value = value.clamp(-80.0, 80.0);
     let halves = whole(value * std::f32::consts::LOG2_E + 0.5_f32.copysign(value));
-    // The logarithm of 2 in two parts, so that what remains of the value is exact.
+    // The logarithm of 2 in two parts, so that the remainder of the value is exact.
     let rest = value - halves as f32 * 0.693_359_4 - halves as f32 * -2.121_944_4e-4;
 
     let series = [720.0, 120.0, 24.0, 6.0, 2.0, 1.0, 1.0_f32];
@@ -23,11 +24,11 @@ pub fn exp_single(value: f32) -> f32 {
     power * f32::from_bits(((halves + 127) << 23) as u32)
 }
 
-/// The natural logarithm of a positive single, within 3e-7 of it or of 1, whichever is more; loops with it are
-/// vectorized.
+/// The natural logarithm of a positive single, with an error of at most 3e-7 of it or of 1, whichever is
+/// larger; loops with it are vectorized.
 #[inline(always)]
 pub fn ln_single(value: f32) -> f32 {
-    // The bits of the root of 1/2: mantissas from there to the root of 2.
+    // The bits of the root of 1/2: mantissas run from there to the root of 2.
     const LEAST: u32 = 0x3f35_04f3;
     let bits = value.to_bits().wrapping_sub(LEAST);
     let exponent = (bits as i32) >> 23;

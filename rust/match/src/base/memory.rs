@@ -5,10 +5,10 @@ use std::ops::{Deref, DerefMut};
 use crate::base::error::{Error, Result};
 use crate::base::value::{LANES, Lanes};
 
-/// Bytes of a cache line: a vector register that is loaded from the start of a line never spans two lines.
+/// Bytes of a cache line: a vector register loaded from the start of a line never spans two lines.
 pub const LINE: usize = 64;
 
-/// A reusable buffer, as long as was last asked for; its values are unspecified after that.
+/// A reusable buffer, as long as the last [`Self::resize`] asked; its values are then unspecified.
 #[derive(Debug)]
 pub struct Memory<T> {
     values: Vec<T>,
@@ -30,7 +30,7 @@ impl<T: Clone + Default> Memory<T> {
         Ok(memory)
     }
 
-    /// Makes the buffer `count` values long; an error, not an abort, when the memory cannot be allocated.
+    /// Makes the buffer `count` values long; an error, not an abort, if the memory cannot be allocated.
     pub fn resize(&mut self, count: usize) -> Result<()> {
         let needed = count.saturating_add(LINE);
         // The start may move by up to a line.
@@ -41,7 +41,7 @@ impl<T: Clone + Default> Memory<T> {
             self.values.resize(needed, T::default());
         }
 
-        // The size of some types does not divide a line, so no element starts at one: then any start will do.
+        // If the size of a type does not divide a line, no element starts at one: then any start will do.
         let start = self.values.as_ptr().align_offset(LINE);
         self.start = if start < LINE { start } else { 0 };
 
@@ -68,8 +68,8 @@ impl<T> DerefMut for Memory<T> {
 
 /// A reusable buffer of runs of lanes that starts at a cache line.
 ///
-/// It is a [`Memory`] of single values, since an array's own alignment is that of its values: among arrays of
-/// 32 bytes none may start at a line.
+/// It is a [`Memory`] of single values, since an array's alignment is that of its values: an array of 32-byte
+/// elements might never start at a line.
 #[derive(Debug)]
 pub struct RunMemory<T>(Memory<T>);
 

@@ -2,7 +2,7 @@
 
 use crate::base::error::{Error, Result};
 
-/// Makes of `Variant = "name"` the variants of an enum, the list of all of them, and their names.
+/// Turns `Variant = "name"` into the variants of an enum, the list of them, and their names.
 #[macro_export]
 macro_rules! named {
     (
@@ -14,10 +14,10 @@ macro_rules! named {
         pub enum $type { $($(#[$meaning])* $variant,)+ }
 
         impl $type {
-            /// All of them.
+            /// All variants.
             pub const ALL: [Self; [$($name),+].len()] = [$(Self::$variant),+];
 
-            /// Its name.
+            /// The name of the variant.
             pub const fn name(self) -> &'static str {
                 match self { $(Self::$variant => $name),+ }
             }
@@ -25,7 +25,7 @@ macro_rules! named {
     };
 }
 
-/// The one of `all` with a name, which is the value of an argument.
+/// The variant of this name, given as the value of an argument.
 pub fn chosen<T: Copy, const N: usize>(
     argument: &'static str,
     all: [T; N],

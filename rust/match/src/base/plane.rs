@@ -1,4 +1,4 @@
-//! `Plane<T>`: rows x columns, row-major and contiguous; what all stages read and write.
+//! `Plane<T>`: rows x columns, row-major and contiguous; all stages read and write it.
 //!
 //! A cost volume is a plane too: one row holds `width x candidates` values, candidate innermost.
 
@@ -11,8 +11,8 @@ use rayon::prelude::*;
 use crate::base::control::Control;
 use crate::base::error::{Error, Result};
 
-/// Rows that one task works on: enough that the start of a task is little work, few enough that there are tasks
-/// for all threads.
+/// Rows that one task works on: enough that starting a task is little work, few enough that all threads have
+/// tasks.
 pub const TASK_ROWS: usize = 32;
 
 /// A rectangle of values, row-major and contiguous.
@@ -41,7 +41,7 @@ impl<T> Plane<T> {
         Err(Error::value("plane", format!("{} values", data.len()), format!("{rows} x {cols}")))
     }
 
-    /// Calls `value(y, x)` for every place.
+    /// A plane of `value(y, x)` at every place.
     pub fn from_fn(rows: usize, cols: usize, mut value: impl FnMut(usize, usize) -> T) -> Self {
         let mut data = Vec::with_capacity(rows * cols);
         for y in 0..rows {
@@ -51,7 +51,7 @@ impl<T> Plane<T> {
         Self { rows, cols, data }
     }
 
-    /// The plane turned by a quarter, counterclockwise: columns become rows, the last one the first row.
+    /// The plane turned by 90 degrees counterclockwise: columns become rows, the last one the first row.
     pub fn turned(&self) -> Self
     where
         T: Copy,
@@ -59,7 +59,7 @@ impl<T> Plane<T> {
         Self::from_fn(self.cols, self.rows, |y, x| self.row(x)[self.cols - 1 - y])
     }
 
-    /// The plane turned by a quarter, clockwise: the inverse of [`Self::turned`].
+    /// The plane turned by 90 degrees clockwise: the inverse of [`Self::turned`].
     pub fn turned_back(&self) -> Self
     where
         T: Copy,
@@ -67,7 +67,7 @@ impl<T> Plane<T> {
         Self::from_fn(self.cols, self.rows, |y, x| self.row(self.rows - 1 - x)[y])
     }
 
-    /// The plane with its rows, axis 0, or its columns, axis 1, in the other order.
+    /// The plane with its rows (axis 0) or columns (axis 1) in reverse order.
     pub fn reversed(&self, axis: Axis) -> Self
     where
         T: Copy,
@@ -105,7 +105,7 @@ impl<T> Plane<T> {
         usize::try_from(y).ok().filter(|y| *y < self.rows).map_or(&[], |y| self.row(y))
     }
 
-    /// Row `y`, to be written.
+    /// Row `y`, writable.
     pub fn row_mut(&mut self, y: usize) -> &mut [T] {
         &mut self.data[y * self.cols..][..self.cols]
     }
@@ -115,17 +115,17 @@ impl<T> Plane<T> {
         &self.data
     }
 
-    /// All values, row after row, to be written.
+    /// All values, row after row, writable.
     pub fn as_mut_slice(&mut self) -> &mut [T] {
         &mut self.data
     }
 
-    /// Takes the values, row after row.
+    /// Takes out the values, row after row.
     pub fn into_vec(self) -> Vec<T> {
         self.data
     }
 
-    /// Some of the rows, without the memory of the others.
+    /// Keeps some of the rows, and frees the memory of the others.
     #[doc(hidden)]
     pub fn of_rows(mut self, rows: Range<usize>) -> Self {
         if rows != (0..self.rows) {
@@ -155,7 +155,7 @@ impl<T> Plane<T> {
 }
 
 impl<T: Clone + Default> Plane<T> {
-    /// A plane of default values; an error, not an abort, if there is not enough memory.
+    /// A plane of default values; an error, not an abort, if memory runs out.
     pub fn new(rows: usize, cols: usize) -> Result<Self> {
         let count = rows.checked_mul(cols).ok_or(Error::OutOfMemory { bytes: usize::MAX })?;
 
@@ -191,8 +191,8 @@ impl<T: Clone + Default + Send> Plane<T> {
         Ok(plane)
     }
 
-    /// As [`Self::by_bands`], with buffers that are reused from band to band; there may be more of them than
-    /// threads.
+    /// Like [`Self::by_bands`], with buffers that are reused from band to band; there may be more of them
+    /// than threads.
     pub fn by_bands_with<B>(
         (rows, cols): (usize, usize),
         band_rows: usize,
@@ -235,7 +235,7 @@ impl<T: Clone + Default + Send> Plane<T> {
     }
 }
 
-/// `count` default values; an error, not an abort, if there is not enough memory.
+/// `count` default values; an error, not an abort, if memory runs out.
 pub fn zeroed<T: Clone + Default>(count: usize) -> Result<Vec<T>> {
     let mut data = Vec::new();
     data.try_reserve_exact(count)
@@ -245,14 +245,14 @@ pub fn zeroed<T: Clone + Default>(count: usize) -> Result<Vec<T>> {
     Ok(data)
 }
 
-/// Capacity for `count` further values; an error, not an abort, if there is not enough memory.
+/// Reserves capacity for `count` more values; an error, not an abort, if memory runs out.
 pub fn reserve<T>(data: &mut Vec<T>, count: usize) -> Result<()> {
     let bytes = (data.len().saturating_add(count)).saturating_mul(size_of::<T>());
     data.try_reserve(count).map_err(|_| Error::OutOfMemory { bytes })
 }
 
-/// `COUNT` values of each row, from column `first` on: in the row itself if it has all of them, else copied
-/// to `buffer`, with `beyond(row, x)` at columns outside the row.
+/// `COUNT` values of each row from column `first` on: taken from the row itself if it has all of them, else
+/// copied to `buffer`, with `beyond(row, x)` at columns outside the row.
 #[inline(always)]
 pub fn parts<'a, T: Copy, const ROWS: usize, const COUNT: usize>(
     rows: [&'a [T]; ROWS],
@@ -264,7 +264,7 @@ pub fn parts<'a, T: Copy, const ROWS: usize, const COUNT: usize>(
     for (part, buffer) in parts.iter_mut().zip(buffer) {
         let row = *part;
 
-        // Only at the ends of a row values have to be copied.
+        // Values have to be copied only at the ends of a row.
         let inside = usize::try_from(first).ok().and_then(|first| row.get(first..first + COUNT));
 
         *part = if let Some(inside) = inside {
@@ -281,7 +281,7 @@ pub fn parts<'a, T: Copy, const ROWS: usize, const COUNT: usize>(
     parts
 }
 
-/// The places of `0..length` that are at most `reach` from one of them.
+/// The places of `0..length` at most `reach` from `place`.
 #[inline]
 pub fn around(place: usize, reach: usize, length: usize) -> Range<usize> {
     place.saturating_sub(reach)..(place + reach + 1).min(length)

@@ -1,4 +1,4 @@
-//! Threads and the clock, and their replacements in a browser's WebAssembly, which has neither.
+//! Threads and the clock, and their replacements in browser WebAssembly, which has neither.
 
 #[cfg(not(all(target_family = "wasm", target_os = "unknown")))]
 pub use self::native::{Instant, ThreadPool};
@@ -7,8 +7,8 @@ pub use self::web::{Instant, ThreadPool};
 
 use crate::base::error::Result;
 
-/// Does the same for the left image and for the right one, at the same time: side 0 and 1. Two threads wait
-/// for one another less often than if they shared the work on each.
+/// Does the same for the left and the right image (sides 0 and 1) at the same time. Two threads wait for each
+/// other less often than if they shared the work on each.
 pub fn both<T: Send>(of: impl Fn(usize) -> Result<T> + Sync) -> Result<[T; 2]> {
     let (left, right) = rayon::join(|| of(0), || of(1));
     Ok([left?, right?])
@@ -36,7 +36,7 @@ mod native {
             self.0.install(work)
         }
 
-        /// Starts work on the threads and does not wait for it. The work must not panic.
+        /// Starts work on the threads without waiting for it. The work must not panic.
         pub fn spawn(&self, work: impl FnOnce() + Send + 'static) {
             self.0.spawn(work);
         }
@@ -49,12 +49,12 @@ mod web {
 
     use crate::base::error::Result;
 
-    /// The calling thread alone, whatever number is asked for; rayon's parallel iterators run on it, too.
+    /// Only the calling thread, whatever number is requested; rayon's parallel iterators run on it, too.
     #[derive(Debug)]
     pub struct ThreadPool;
 
     impl ThreadPool {
-        /// The calling thread alone.
+        /// Only the calling thread.
         pub fn new(_threads: usize) -> Result<Self> {
             Ok(Self)
         }
@@ -80,7 +80,7 @@ mod web {
             Self
         }
 
-        /// No time.
+        /// Always zero.
         pub fn elapsed(&self) -> Duration {
             Duration::ZERO
         }

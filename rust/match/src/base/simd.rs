@@ -6,7 +6,7 @@
 //!
 //! Most loops are functions with the attribute [`leveled`].
 //!
-//! This is the only file with unsafe code, beside the C interface, and the only one that names an
+//! This is the only file with unsafe code besides the C interface, and the only one that names an
 //! architecture.
 
 #![allow(unsafe_code, reason = "a function with target features may only be called where they exist")]
@@ -18,23 +18,23 @@ pub use phasestereo_leveled::leveled;
 /// The environment variable that lowers the level.
 pub const OVERRIDE: &str = "PHASESTEREO_SIMD";
 
-/// A loop over arrays, which the compiler vectorizes with the instructions of the level.
+/// A loop over arrays that the compiler vectorizes with the instructions of the level.
 ///
-/// `run` and everything that it calls must be `#[inline(always)]`: what is not inlined into the level's own
-/// function is compiled for the baseline.
+/// `run` and everything it calls must be `#[inline(always)]`: code not inlined into the level's own function
+/// is compiled for the baseline.
 pub trait Loop {
     /// The result.
     type Output;
-    /// Whether it counts the bits of bytes or words: others gain nothing of the level that can, and are not
-    /// compiled for it.
+    /// Whether it counts the bits of bytes or words: other loops gain nothing from the level with these
+    /// instructions, and are not compiled for it.
     const COUNTS_BITS: bool = false;
     /// Runs the loop.
     fn run(self) -> Self::Output;
 }
 
-/// What [`leveled`](crate::base::simd::leveled) makes of a function of a level and what its loop is over: the
-/// level runs its body, as a [`Loop`](crate::base::simd::Loop). Outputs and inputs are arguments of their own, so
-/// that the vectorizer knows that they do not overlap.
+/// Expanded by [`leveled`](crate::base::simd::leveled), from a level, the function's inputs and its body: the
+/// level runs the body as a [`Loop`](crate::base::simd::Loop). Outputs and inputs are separate arguments, so
+/// that the vectorizer sees that they do not overlap.
 #[doc(hidden)]
 #[macro_export]
 macro_rules! by_level {
@@ -71,13 +71,13 @@ macro_rules! by_level {
     (@output $output:ty) => { $output };
 }
 
-/// A value without its fraction, cut to magnitudes up to 2^30; 0 for NaN. A cast by `as` saturates, for which
-/// there is no instruction: loops with one are compiled value by value.
+/// A value without its fraction, clamped to magnitudes up to 2^30; 0 for NaN. A cast by `as` saturates, and
+/// no instruction does that: loops with one are compiled value by value.
 #[inline(always)]
 pub fn whole(value: f32) -> i32 {
     const MOST: f32 = (1 << 30) as f32;
     let known = if value.is_nan() { 0.0 } else { value };
-    // SAFETY: it is a number, and 32 bits hold it.
+    // SAFETY: it is a number, and fits 32 bits.
     unsafe { known.clamp(-MOST, MOST).to_int_unchecked() }
 }
 
@@ -88,15 +88,15 @@ pub struct Level(Isa);
 /// The levels that loops are compiled for, from the lowest.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Isa {
-    /// What every machine of the target has: SSE2 on x86-64, NEON on aarch64.
+    /// Instructions of every machine of the target: SSE2 on x86-64, NEON on aarch64.
     Baseline,
-    /// AVX2, and the bit manipulation of the same processors.
+    /// AVX2, and the bit manipulation instructions of the same processors.
     #[cfg(target_arch = "x86_64")]
     Avx2,
     /// AVX-512 on bytes and words.
     #[cfg(target_arch = "x86_64")]
     Avx512,
-    /// The same with a population count of bytes and words.
+    /// The same, with a population count of bytes and words.
     #[cfg(target_arch = "x86_64")]
     Avx512Bitalg,
 }
@@ -148,7 +148,7 @@ impl Level {
 
     /// The highest level of this machine that is not above the named one.
     fn at_most(name: Option<&str>) -> Self {
-        // Without a known name all levels are allowed.
+        // Without a known name, all levels are allowed.
         let named = Isa::ALL.iter().position(|(_, known)| Some(*known) == name);
         let allowed = &Isa::ALL[..=named.unwrap_or(Isa::ALL.len() - 1)];
 
@@ -171,13 +171,13 @@ impl Level {
     pub fn run<L: Loop>(self, work: L) -> L::Output {
         match self.0 {
             Isa::Baseline => work.run(),
-            // SAFETY: a `Level` is constructed only after `is_here` has found every feature of it.
+            // SAFETY: a `Level` is constructed only after `is_here` has found all of its features.
             #[cfg(target_arch = "x86_64")]
             Isa::Avx2 => unsafe { avx2(work) },
             // SAFETY: as above.
             #[cfg(target_arch = "x86_64")]
             Isa::Avx512Bitalg if L::COUNTS_BITS => unsafe { avx512_bitalg(work) },
-            // SAFETY: as above; this level has what the one below has.
+            // SAFETY: as above; this level includes the features of the one below.
             #[cfg(target_arch = "x86_64")]
             Isa::Avx512 | Isa::Avx512Bitalg => unsafe { avx512(work) },
         }
@@ -204,11 +204,11 @@ fn avx512_bitalg<L: Loop>(work: L) -> L::Output {
     work.run()
 }
 
-/// Asks for the line of the cache that holds a place, before it is read or written. Any address will do.
+/// Prefetches the cache line of an address, before it is read or written. Any address is allowed.
 #[inline(always)]
 pub fn fetch<T>(place: *const T) {
     #[cfg(target_arch = "x86_64")]
-    // SAFETY: it is a hint, which never faults; every x86-64 processor has SSE.
+    // SAFETY: it is a hint that never faults; every x86-64 processor has SSE.
     unsafe {
         std::arch::x86_64::_mm_prefetch::<{ std::arch::x86_64::_MM_HINT_T0 }>(place.cast());
     }
@@ -221,11 +221,11 @@ pub use self::portable::{highest_bits, least_bytes};
 #[cfg(target_arch = "x86_64")]
 pub use self::sse2::{highest_bits, least_bytes};
 
-/// What the compiler does not make of plain loops: it takes single bytes, which are then written one by one,
-/// and whoever reads them together has to wait.
+/// Instructions that the compiler does not generate from plain loops: it extracts single bytes and writes
+/// them one by one, and code that reads them together has to wait.
 ///
-/// Every x86-64 processor has these instructions. In loops for a higher level they are compiled with its own,
-/// halves of a wider register together.
+/// Every x86-64 processor has these instructions. In loops for a higher level, they are compiled with its
+/// own, two registers in one wider one.
 #[cfg(target_arch = "x86_64")]
 mod sse2 {
     use std::arch::x86_64::{
@@ -248,8 +248,8 @@ mod sse2 {
 
     /// The least byte of each of sixteen rows.
     ///
-    /// Two registers of bytes become one in which theirs alternate, one of pairs of bytes, and so on: in the
-    /// last one each byte is of another row.
+    /// Two registers of bytes become one that alternates theirs, then one that alternates pairs of bytes, and
+    /// so on: in the last one each byte belongs to another row.
     #[inline(always)]
     pub fn least_bytes(rows: &[[u8; 32]; 16]) -> [u8; 16] {
         // SAFETY: registers are bytes of any value; every x86-64 processor has SSE2.

@@ -2,8 +2,8 @@
 
 use std::cmp::Ordering;
 
-/// Standard deviations of normal errors in a median absolute deviation: 1 over the third quartile of the
-/// normal distribution.
+/// Converts a median absolute deviation to the standard deviation of normal errors: 1 over the third quartile
+/// of the normal distribution.
 const OF_MEDIAN: f64 = 1.4826;
 
 /// Values with a total order.
@@ -30,42 +30,41 @@ impl TotalOrder for u32 {
     }
 }
 
-/// The value of a rank, 0 for the least; `None` beyond the last. It reorders the values, which takes less
+/// The value of a rank, 0 for the smallest; `None` beyond the last. It reorders the values, which is faster
 /// than sorting.
 pub fn ranked<T: TotalOrder>(values: &mut [T], rank: usize) -> Option<T> {
     (rank < values.len()).then(|| *values.select_nth_unstable_by(rank, T::order).1)
 }
 
-/// The value below which a share of the others lies, from 0 for the least to 1 for the largest; the nearest
-/// rank.
+/// The value at a quantile, 0 for the smallest to 1 for the largest, by the nearest rank.
 pub fn quantile<T: TotalOrder>(values: &mut [T], share: f64) -> Option<T> {
     let last = values.len().saturating_sub(1);
     ranked(values, (share * last as f64).round() as usize)
 }
 
-/// The median, of an even number the larger one of both in the middle; `None` of no values.
+/// The median (of an even number, the larger of the middle two); `None` without values.
 pub fn median<T: TotalOrder>(values: impl IntoIterator<Item = T>) -> Option<T> {
     let mut values: Vec<T> = values.into_iter().collect();
     let middle = values.len() / 2;
     ranked(&mut values, middle)
 }
 
-/// The standard deviation of normal errors by the median of their absolute values, which outliers hardly
-/// change; 0 of none.
+/// The standard deviation of normal errors from the median of their absolute values, which outliers hardly
+/// change; 0 without errors.
 pub fn deviation(errors: impl IntoIterator<Item = f64>) -> f64 {
     OF_MEDIAN * median(errors.into_iter().map(f64::abs)).unwrap_or(0.0)
 }
 
-/// Errors beyond this many robust standard deviations have no weight once a fit is near.
+/// Errors beyond this many robust standard deviations have zero weight once a fit is near.
 const CUT: f64 = 4.0;
 
-/// The weight of the absolute value of an error in a robust fit with this robust standard deviation. That of
-/// absolute deviations leads near the solution from anywhere; the biweight then ignores outliers entirely.
+/// The weight of an absolute error in a robust fit with this robust standard deviation. Least absolute
+/// deviations lead near the solution from anywhere; the biweight then ignores outliers entirely.
 pub fn robust_weight(error: f64, deviation: f64, is_near: bool) -> f64 {
     if is_near { biweight(error, CUT * deviation) } else { 1.0 / error.max(0.1 * deviation) }
 }
 
-/// Tukey's weight of an error: 1 of none, 0 from `cut` on (Beaton and Tukey, Technometrics 16, 1974).
+/// Tukey's weight of an error: 1 for none, 0 from `cut` on (Beaton and Tukey, Technometrics 16, 1974).
 pub fn biweight(error: f64, cut: f64) -> f64 {
     (1.0 - (error / cut).powi(2)).max(0.0).powi(2)
 }

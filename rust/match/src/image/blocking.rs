@@ -1,7 +1,7 @@
 //! Blocking: how much of the 8 x 8 grid of JPEG and video codecs shows in an image.
 //!
-//! The loss of such a codec differs from block to block, so neighbors on either side of a border differ by
-//! more than neighbors inside a block. The grid may begin anywhere, as in crops:
+//! Such a codec loses detail block by block, so neighbors on either side of a block border differ by more
+//! than neighbors inside a block. The grid may begin anywhere, as in crops:
 //!
 //! ```text
 //! extra[x] = |a[x] - a[x + 1]| - (|a[x - 1] - a[x]| + |a[x + 1] - a[x + 2]|) / 2
@@ -9,8 +9,8 @@
 //! jump = the largest of the means - the second largest
 //! ```
 //!
-//! Along rows and along columns; the smaller jump counts, as blocks have borders on all sides. An image
-//! without blocks has no phase that stands out.
+//! This is done along rows and along columns; the smaller jump counts, since blocks have borders on all
+//! sides. In an image without blocks, no phase stands out.
 
 use std::ops::Range;
 
@@ -22,8 +22,8 @@ use crate::base::simd::{Level, leveled};
 pub const SIDE: usize = 8;
 /// Rows above and below a border whose values count.
 pub const REACH: usize = 2;
-/// Gray levels, of 255, that extra differences are clipped to: those of blocks are small, those of edges
-/// large. Without it, some sharp images have larger jumps than light compression.
+/// Gray levels, of 255, to which extra differences are clipped: those of blocks are small, those of edges
+/// large. Without clipping, some sharp images have larger jumps than lightly compressed ones.
 const CLIP: f64 = 4.0;
 
 /// Sums of the extra differences in an image, in half steps.
@@ -36,8 +36,8 @@ pub struct Extra {
 }
 
 impl Extra {
-    /// The sums over some rows of a plane, which begins with row `first` of an image of `height` rows.
-    /// `steps` are those of a gray level.
+    /// The sums over some rows of a plane that begins at row `first` of an image of `height` rows. `steps`
+    /// are the steps of a gray level.
     pub fn of_rows(
         plane: &Plane<i32>,
         rows: Range<usize>,
@@ -49,7 +49,7 @@ impl Extra {
         let clip = (2.0 * CLIP * steps) as i32;
         let mut extra = Self::default();
         let mut found = zeroed(cols)?;
-        // Summed by column first, by phase at the end.
+        // Summed by column first; phases come at the end.
         let mut sums = vec![0i64; cols];
 
         for y in rows {
@@ -97,7 +97,7 @@ impl Extra {
         self
     }
 
-    /// How much borders of blocks stand out, in steps; 0 if they do not, or the image is too small.
+    /// How much block borders stand out, in steps; 0 if they do not, or if the image is too small.
     pub fn jump(&self) -> f64 {
         let [horizontal, vertical] = [0, 1].map(|axis| {
             if self.counts[axis].contains(&0) {
@@ -115,7 +115,7 @@ impl Extra {
     }
 }
 
-/// Adds what was found in one row to the sums of its columns.
+/// Adds the values of one row to the sums of its columns.
 #[leveled]
 fn add_to(level: Level, sums: &mut [i64], found: &[i32]) {
     for (sum, found) in sums.iter_mut().zip(found) {
@@ -123,7 +123,7 @@ fn add_to(level: Level, sums: &mut [i64], found: &[i32]) {
     }
 }
 
-/// The sum of what was found in one row.
+/// The sum of the values of one row.
 #[leveled]
 fn sum_of(level: Level, found: &[i32]) -> i64 {
     found.iter().map(|found| i64::from(*found)).sum()

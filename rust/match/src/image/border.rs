@@ -1,24 +1,24 @@
-//! Black borders: what a frame, a round lens or a rectification leaves around an image is not a part of it.
+//! Black borders: pixels that a frame, a round lens or a rectification leaves around an image.
 //!
-//! From each of the four sides a run of pixels reaches inward as long as all are of one exact value, the
-//! least of the whole image, which no lens and no sensor gives an area. The area of such runs is a border if
-//! its outline is that of an image: on each side the lengths of the runs are a convex function along it, as
-//! around anything convex (a frame, a circle, a turned rectangle), or a concave one (what a lens bends
-//! inward), but for a small share of the area. Things before a black sky, and a dark part of a scene, have
-//! neither.
+//! From each of the four sides, a run of pixels reaches inward as long as all have exactly one value, the
+//! least of the whole image; no lens and no sensor gives an area one exact value. The area of these runs is a
+//! border if its outline is that of an image: except for a small share of the area, the run lengths along
+//! each side form a convex function, as around anything convex (a frame, a circle, a rotated rectangle), or a
+//! concave one (where a lens bends the edge inward). Objects before a black sky and dark parts of a scene
+//! have neither.
 //!
 //! ```text
 //! run(i)  = pixels of the value from place i of a side on; 0 where the whole row or column has it
-//! off     = sum over i of least of  run(i) - its convex hull from below,  its concave hull from above - run(i)
-//! border  = all runs, if off <= RAGGED_BORDER sum of run over all sides, and they are LEAST_BORDER of the image or more
+//! off     = sum over i of min(run(i) - its convex hull from below, its concave hull from above - run(i))
+//! border  = all runs, if off <= RAGGED_BORDER sum of run over all sides, and their share >= LEAST_BORDER
 //! ```
 //!
-//! A lossy codec leaves waves beside the rim of a border, in whole blocks of pixels. Where most runs of an
-//! image of 8 bits go on with pixels that are nearly of the value, all do, and it is the outline of those
-//! runs that counts.
+//! A lossy codec leaves waves beside the edge of a border, in whole blocks of pixels. If most runs of an
+//! 8-bit image continue with pixels of nearly the value, all runs are extended, and the outline of the
+//! extended runs counts.
 //!
-//! Areas of one value that is not the least are left alone: a sky or a wall that is white all over belongs to
-//! the scene, and planes are drawn into it.
+//! Areas of one value other than the least are left alone: a uniformly white sky or wall belongs to the
+//! scene, and planes are drawn into it.
 
 use std::cmp::Ordering;
 use std::ops::Range;
@@ -39,17 +39,17 @@ struct BorderRuns {
     values: Vec<Option<ExactPixel>>,
 }
 
-/// Follows the runs of an image that comes a few rows at a time.
+/// Follows the runs of an image that arrives a few rows at a time.
 #[derive(Debug, Clone)]
 pub struct BorderScan {
     size: (usize, usize),
     /// From the top, the bottom, the left and the right.
     sides: [BorderRuns; 4],
-    /// Rows that came.
+    /// Rows so far.
     rows: usize,
 }
 
-/// What may be a border, and by how much each of its runs goes on.
+/// A possible border, and how far each of its runs continues.
 #[derive(Debug, Clone)]
 pub struct Candidate {
     border: Border,
@@ -73,7 +73,7 @@ impl BorderRuns {
         Ok(Self { lengths: zeroed(count)?, values })
     }
 
-    /// Goes along pixels, `None` where they are masked, as long as they continue the run at this place.
+    /// Follows pixels (`None`: masked) as long as they continue the run at this place.
     fn follow(&mut self, at: usize, pixels: impl Iterator<Item = Option<ExactPixel>>) {
         for pixel in pixels {
             match (self.values[at], pixel) {
@@ -104,7 +104,7 @@ impl BorderScan {
             if top.lengths[x] as usize == first {
                 top.follow(x, (0..rows).map(|y| pixel(input, y, x)));
             }
-            // What continues to the last of these rows may go on in the next ones.
+            // Runs that reach the last of these rows may continue in the next ones.
             let mut here = BorderRuns { lengths: vec![0], values: vec![None] };
             here.follow(0, (0..rows).rev().map(|y| pixel(input, y, x)));
             let goes_on = here.lengths[0] as usize == rows
@@ -122,7 +122,7 @@ impl BorderScan {
         self.rows += rows;
     }
 
-    /// What may be a border.
+    /// The possible border.
     pub fn candidate(self) -> Option<Candidate> {
         let Self { size: (rows, cols), sides, .. } = self;
         let values = sides.iter().flat_map(|side| side.values.iter().flatten());
@@ -149,7 +149,7 @@ impl BorderScan {
 }
 
 impl Candidate {
-    /// Follows the rim in rows from `first` on, which come in their order.
+    /// Follows the rim in rows from `first` on, which arrive in order.
     pub fn add(&mut self, input: &Input, first: usize) {
         let Image::U8(_) = &input.image else { return };
         let Border { size, value, runs } = &self.border;
@@ -164,7 +164,7 @@ impl Candidate {
             if from >= first {
                 top[x] += (from - first..rows).take_while(|y| is_rim(*y, x)).count() as u32;
             }
-            // What continues to the run from the bottom; a rim is at most RIM pixels wide.
+            // The rim of the run from the bottom; a rim is at most RIM pixels wide.
             let end = size.0 - runs[1][x] as usize;
             for at in end.saturating_sub(RIM).max(first)..end.min(first + rows) {
                 bottom[x] = if is_rim(at - first, x) { bottom[x] + 1 } else { 0 };
@@ -216,7 +216,7 @@ impl Border {
         })
     }
 
-    /// Of rows from `first` on: how many valid pixels belong to it; `None`: some pixel is darker.
+    /// How many valid pixels of the rows from `first` on belong to it; `None`: some pixel is darker.
     fn count(&self, input: &Input, first: usize) -> Option<usize> {
         let (rows, cols) = input.size();
         // No integer is less than 0.
@@ -236,7 +236,7 @@ impl Border {
         Some(count)
     }
 
-    /// Which pixels of rows from `first` on are valid, of which these are.
+    /// Which pixels of these rows, from `first` on, are valid.
     pub fn mask(&self, input: &Input, first: usize) -> Result<Mask> {
         let (rows, cols) = input.size();
         let mut valid = Vec::with_capacity(rows * cols);
@@ -248,7 +248,7 @@ impl Border {
     }
 }
 
-/// The image without its border, and the share of that.
+/// The image without its border, and the border's share of it.
 pub fn without_border(input: Input) -> Result<(Input, f64)> {
     let size = input.size();
     let mut scan = BorderScan::new(size)?;
@@ -265,7 +265,7 @@ pub fn without_border(input: Input) -> Result<(Input, f64)> {
     })
 }
 
-/// The borders of the images of a pair that is read by these rows, and their shares.
+/// The borders of the images of a pair that these rows are read from, and their shares.
 pub fn of_rows(
     size: (usize, usize),
     bands: &[Range<usize>],
@@ -304,13 +304,13 @@ pub fn of_rows(
     Ok(found.map(|found| found.and_then(|(border, count)| Some((border, share_of(count, size)?)))))
 }
 
-/// The share of this many pixels, if it is that of a border.
+/// The share of this many pixels, if it is large enough for a border.
 fn share_of(count: usize, (rows, cols): (usize, usize)) -> Option<f64> {
     let share = count as f64 / (rows * cols) as f64;
     (share >= LEAST_BORDER).then_some(share)
 }
 
-/// The runs of the four sides with what goes on, where there is a run nearby.
+/// The runs of the four sides with their rims, where there is a run nearby.
 fn with_rim(runs: &[Vec<u32>; 4], more: &[Vec<u32>; 4], far: [u32; 4]) -> [Vec<u32>; 4] {
     [0, 1, 2, 3].map(|side| {
         let (runs, more) = (&runs[side], &more[side]);
@@ -344,14 +344,14 @@ fn pixel(input: &Input, y: usize, x: usize) -> Option<ExactPixel> {
     }))
 }
 
-/// By how much the runs of a side are off the outline of an image, and their sum: of those that do not reach
-/// to the other side, which are a part of what the two sides across have.
+/// How far the runs of a side deviate from the outline of an image, and their sum. Runs that reach the other
+/// side are left out: they belong to the two sides across.
 fn outline(runs: &[u32], far: u32) -> [f64; 2] {
     let inner = runs.iter().filter(|run| **run < far).map(|run| f64::from(*run));
     let inner: Vec<f64> = inner.collect();
     let pieces = inner.split(|run| *run == 0.0).filter(|piece| !piece.is_empty());
     let off = pieces.map(|piece| {
-        // A few dark pixels beside each other have no outline.
+        // A few adjacent dark pixels have no outline.
         if piece.len() < SHORTEST_BORDER {
             piece.iter().sum()
         } else {
@@ -361,7 +361,7 @@ fn outline(runs: &[u32], far: u32) -> [f64; 2] {
     [off.sum::<f64>(), inner.iter().sum()]
 }
 
-/// The area between a line and its convex hull from below; with the sign -1, its concave hull from above.
+/// The area between a line and its convex hull from below; with sign -1, its concave hull from above.
 fn above_hull(line: &[f64], sign: f64) -> f64 {
     // Andrew's monotone chain.
     let mut hull: Vec<(f64, f64)> = vec![];
@@ -394,7 +394,7 @@ mod tests {
 
     const SIZE: (usize, usize) = (90, 120);
 
-    /// A textured image that is black outside of an area.
+    /// A textured image that is black outside an area.
     fn image(is_inside: impl Fn(f64, f64) -> bool) -> Input {
         let value = |y: usize, x: usize| (37 * y + 91 * x + y * x) as u8 % 200 + 1;
         let pixel = |(y, x, _)| if is_inside(y as f64, x as f64) { value(y, x) } else { 0 };
@@ -433,7 +433,7 @@ mod tests {
                 assert_eq!(masked.is_valid(y, x), is_inside(y as f64, x as f64), "{at}: {y} {x}");
             }
 
-            // What comes in parts is the same.
+            // An image that arrives in parts has the same border.
             let bands: Vec<_> = (0..SIZE.0).step_by(7).map(|first| first..(first + 7).min(SIZE.0)).collect();
             let Image::U8(pixels) = &view.image else { unreachable!("bytes") };
             let part = |rows: Range<usize>| Input::from(Image::U8(pixels.slice(s![rows, .., ..]).to_owned()));
@@ -452,7 +452,7 @@ mod tests {
         let mut view = image(inside);
         let Image::U8(pixels) = &mut view.image else { unreachable!("bytes") };
         for ((y, x, c), value) in pixels.indexed_iter_mut() {
-            // In blocks, as of a codec: rows and columns end the runs anywhere.
+            // In blocks, as from a codec: rows and columns end the runs anywhere.
             let (row, col) = (y as f64, x as f64);
             if rim((y / 8 * 8) as f64, (x / 8 * 8) as f64) && rim(row, col) && !inside(row, col) {
                 *value = ((5 * y + 3 * x + c) % 12 + 1) as u8;

@@ -1,7 +1,6 @@
 //! Pixels of any type -> gray values: integers on one scale, made once, where images enter.
 //!
-//! What an image shows does not depend on the type of its pixels. So it is the values that decide how a pair
-//! is converted:
+//! The content of an image does not depend on its pixel type, so the values decide how a pair is converted:
 //!
 //! ```text
 //! channels all equal                                          ->  the first one
@@ -11,13 +10,13 @@
 //! all else                                                    ->  2^22 steps from black to white, black at 0
 //! ```
 //!
-//! Gray values of integers are exact; luminances of integers are in sixteenths. Both images of a pair have one
-//! step if they have one type; whether channels are equal is found out for each of them, since an image of one
-//! channel may be matched with one of three. Only valid pixels count. A part of a pair is converted as the
-//! whole ([`Conversion`]).
+//! Gray values of integers are exact; luminances of integers are in sixteenths. Both images of a pair have
+//! one step if they have one type. Whether channels are equal is decided for each image, since a one-channel
+//! image may be matched with a three-channel one. Only valid pixels count. A part of a pair is converted like
+//! the whole ([`Conversion`]).
 //!
-//! Scaling a float image changes gray values by no more than its own rounding, and by a power of two it
-//! changes none.
+//! Scaling a float image changes gray values by no more than its own rounding; scaling by a power of two
+//! changes nothing.
 
 use crate::base::error::Result;
 use crate::base::plane::{Plane, reserve, zeroed};
@@ -26,37 +25,37 @@ use crate::image::intensity_range::{IntensityRange, NOWHERE};
 use crate::image::pixels::{Image, Input};
 use crate::image::view::View;
 
-/// Steps of bytes that come first, if the values allow for several: bytes in wider integers, or as fractions
+/// Steps of bytes that are tried first, if the values allow several: bytes in wider integers, or as fractions
 /// of white.
 const BYTE_STEPS: [f64; 5] = [1.0, 257.0, 256.0, 1.0 / 255.0, 1.0 / 256.0];
-/// White of words that are stored as fractions of it: the largest value of this many bits, or one more.
+/// White of words stored as fractions of it: the largest value of this many bits, or one more.
 const WHITES: [f64; 9] = [1023.0, 4095.0, 16383.0, 65535.0, 256.0, 1024.0, 4096.0, 16384.0, 65536.0];
-/// Most values that differ of which a step is looked for: bytes that were scaled in two ways have twice 256.
+/// Most distinct values for which a step is searched: bytes scaled in two ways have twice 256.
 const MOST_VALUES: usize = 512;
-/// Largest difference between a value and a multiple of the step, as a share of it: some roundings of single
-/// precision.
+/// Largest difference between a value and a multiple of the step, as a share of the value: some roundings of
+/// single precision.
 const TOLERANCE: f64 = 1.0 / (1 << 21) as f64;
-/// Places of the table of values that were seen lately.
+/// Entries in the table of recently seen values.
 const RECENT: usize = 1024;
 
 /// Share of the pixels left out at either end of a float image's robust range.
 const OUTLIERS: f64 = 0.001;
-/// Most pixels that this range is taken from; larger images are sampled.
+/// Most pixels that determine this range; larger images are sampled.
 const MOST_SAMPLES: usize = 1 << 16;
 
 /// How the pixels of an image become gray values.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Conversion {
-    /// The integers that the pixels are; `None`: they are floats.
+    /// Integers that describe the pixels; `None`: they are floats.
     pub integers: Option<Integers>,
     /// Whether there are three channels, all equal.
     pub is_gray: bool,
     /// Black and white of pixels that are not bytes, in thousandths of the pixels' unit; `None`: those of the
-    /// pixels at hand.
+    /// current pixels.
     pub range: Option<IntensityRange>,
 }
 
-/// Integers that pixels are multiples of a step by.
+/// The scale of pixels that are integer multiples of a step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Integers {
     /// The step, in units of the pixels.
@@ -85,7 +84,7 @@ impl Conversion {
         self.integers.is_some_and(|integers| integers.bits <= u8::BITS)
     }
 
-    /// The gray values of an image, or of some rows of it; masked pixels take the values of valid neighbors.
+    /// The gray values of an image, or of some of its rows; masked pixels take the values of valid neighbors.
     pub fn view(mut self, input: Input) -> Result<View> {
         self.integers = self.integers.or(match input.image {
             Image::U8(_) => Some(Integers { step: 1.0, bits: u8::BITS }),
@@ -121,7 +120,7 @@ impl Conversion {
         Ok(View::new(Plane::from_vec(rows, cols, gray)?, mask, scale))
     }
 
-    /// The scale of gray values, of luminances or not, of pixels with this unit.
+    /// The scale of gray values, from luminances or not, for pixels with this unit.
     fn scale(&self, in_color: bool, unit: f64) -> GrayScale {
         let Some(Integers { step, bits }) = self.integers else {
             return GrayScale::of_floats(self.range.unwrap_or(NOWHERE), unit);
@@ -131,24 +130,23 @@ impl Conversion {
     }
 }
 
-/// The gray values of an image by itself.
+/// The gray values of a single image.
 pub fn view_of_input(input: Input) -> Result<View> {
     let [conversion, _] = Conversion::of_pair([&input, &input]);
     conversion.view(input)
 }
 
-/// A plane of values as a gray image that is valid everywhere, with black and white in thousandths of their
-/// unit.
+/// A plane of values as a gray image, valid everywhere, with black and white in thousandths of their unit.
 pub fn view_of_plane(plane: &Plane<f32>, range: IntensityRange) -> View {
     let steps = FloatSteps::new(range);
     let gray = plane.map(|value| steps.gray(1000.0 * f64::from(*value)));
     View::new(gray, None, GrayScale::of_floats(range, 1.0))
 }
 
-/// What is known of the values of a pair, of which rows are added in any portions.
+/// Properties of the values of a pair whose rows are added in any portions.
 #[derive(Debug)]
 pub struct Scan {
-    /// Whether there are three channels, all equal so far.
+    /// Whether there are three channels that have all been equal so far.
     is_gray: [bool; 2],
     /// The values so far, as long as they may be bytes.
     values: Option<PixelValues>,
@@ -168,7 +166,7 @@ enum Types {
 }
 
 impl Scan {
-    /// Nothing is known yet of a pair that has images of these types.
+    /// The start of a scan of images of these types.
     pub fn new(inputs: [&Input; 2]) -> Self {
         let undecided = Self {
             is_gray: inputs.map(|input| input.image.shape().2 == 3),
@@ -187,7 +185,7 @@ impl Scan {
         }
     }
 
-    /// Adds the valid pixels of some rows, until no further one makes a difference.
+    /// Adds the valid pixels of some rows, until more make no difference.
     pub fn add(&mut self, inputs: [&Input; 2]) {
         let mut row = vec![];
 
@@ -206,7 +204,7 @@ impl Scan {
         }
     }
 
-    /// Whether further pixels make no difference.
+    /// Whether more pixels make no difference.
     pub fn is_decided(&self) -> bool {
         !self.is_gray.contains(&true) && self.are_integers_decided()
     }
@@ -216,7 +214,7 @@ impl Scan {
         self.types == Types::Bytes || self.byte_step().is_some()
     }
 
-    /// How both images are converted whose rows were added, here and to their extents.
+    /// How to convert both images, whose rows were added here and to their extents.
     pub fn conversions(&self, extents: [Extent; 2]) -> [Conversion; 2] {
         let bytes = if self.types == Types::Bytes { Some(1.0) } else { self.byte_step() };
         let ranges = extents.each_ref().map(Extent::range);
@@ -270,12 +268,12 @@ impl Scan {
     }
 }
 
-/// Values that differ, as long as they are few.
+/// Distinct values, as long as they are few.
 #[derive(Debug)]
 struct PixelValues {
     /// The values in rising order.
     sorted: Vec<f64>,
-    /// Values that were seen, each at a place that depends on its bits.
+    /// Recently seen values, each at a place that depends on its bits.
     recent: Vec<f64>,
 }
 
@@ -284,7 +282,7 @@ impl PixelValues {
         Self { sorted: vec![], recent: vec![f64::NAN; RECENT] }
     }
 
-    /// Adds values; whether they are still few.
+    /// Adds values; returns whether they are still few.
     fn add(&mut self, values: &[f64]) -> bool {
         for value in values {
             // The high bits of a product depend on all bits of its factors (the golden ratio, in 64 bits).
@@ -306,7 +304,7 @@ impl PixelValues {
         true
     }
 
-    /// The step by which all values are bytes: a usual one, or the least difference of two values.
+    /// The step by which all values are bytes: a common one, or the smallest difference between two values.
     fn step(&self) -> Option<f64> {
         let are_bytes =
             |step: &f64| self.sorted.iter().all(|value| is_near_integer(value / step, f64::from(u8::MAX)));
@@ -314,7 +312,8 @@ impl PixelValues {
         usual.or_else(|| self.least_step().filter(are_bytes))
     }
 
-    /// The largest value by the number of least differences in it, so that its rounding matters less.
+    /// The largest value divided by the number of smallest differences in it, which reduces the effect of
+    /// rounding.
     fn least_step(&self) -> Option<f64> {
         let last = *self.sorted.last()?;
         let differences = self.sorted.windows(2).map(|two| two[1] - two[0]);
@@ -324,13 +323,13 @@ impl PixelValues {
     }
 }
 
-/// Whether a value is an integer from 0 to `most`, up to roundings.
+/// Whether a value is an integer from 0 to `most`, except for rounding.
 fn is_near_integer(value: f64, most: f64) -> bool {
     let nearest = f64::from((value + 0.5) as i32);
     (0.0..=most).contains(&nearest) && (value - nearest).abs() <= nearest * TOLERANCE
 }
 
-/// The greatest common divisor of a divisor, or 0, and integers.
+/// The greatest common divisor of integers and a divisor, or 0.
 fn common_divisor(divisor: u32, values: &[f64]) -> u32 {
     let mut divisor = divisor;
     for value in values {
@@ -346,11 +345,11 @@ fn common_divisor(divisor: u32, values: &[f64]) -> u32 {
     divisor
 }
 
-/// How far the valid pixels of an image reach, of which rows are added from the first one on: in thousandths
-/// of their unit.
+/// The extremes of the valid pixels of an image whose rows are added from the first one on, in thousandths of
+/// their unit.
 ///
-/// The range of an image is that of an even sample of its pixels without the outliers at either end; where
-/// these are all equal, that of all pixels.
+/// The range of an image is that of an even sample of its pixels without the outliers at either end; if these
+/// are all equal, that of all pixels.
 #[derive(Debug, Clone)]
 pub struct Extent {
     cols: usize,
@@ -360,7 +359,7 @@ pub struct Extent {
 }
 
 impl Extent {
-    /// An image of this many rows and columns, without known properties.
+    /// An image of this many rows and columns, without pixels so far.
     pub fn new((rows, cols): (usize, usize)) -> Self {
         let stride = (rows * cols).div_ceil(MOST_SAMPLES);
         Self { cols, stride, sample: vec![], full: None }
@@ -390,7 +389,7 @@ impl Extent {
         let Some(last) = self.sample.len().checked_sub(1) else { return full };
         let outliers = (OUTLIERS * last as f64) as usize;
 
-        // Two ranks are selected, which takes less than sorting.
+        // Selecting two ranks is faster than sorting.
         let mut values = self.sample.clone();
         let mut ranked = |rank: usize| *values.select_nth_unstable_by(rank, f64::total_cmp).1;
         let range = IntensityRange { black: ranked(outliers), white: ranked(last - outliers) };
@@ -410,7 +409,7 @@ mod tests {
     use crate::image::view::Mask;
     use ndarray::Array3;
 
-    /// Two images of bytes that use most of their range, of this many channels.
+    /// Two images of bytes that use most of their range, with this many channels.
     fn bytes(channels: usize) -> [Array3<u8>; 2] {
         [3, 5].map(|factor| {
             Array3::from_shape_fn((9, 40, channels), |(y, x, c)| {
@@ -425,7 +424,7 @@ mod tests {
         [of_left.view(left), of_right.view(right)].map(|view| view.expect("memory"))
     }
 
-    /// Both images become the same gray values as others, whose unit is a step of theirs.
+    /// Checks that both images have the same gray values as others, whose unit is a step of theirs.
     fn check(images: [Image; 2], others: &[Image; 2], step: f64) {
         for (found, expected) in views(images).iter().zip(&views(others.clone())) {
             assert_eq!(found.gray(), expected.gray());

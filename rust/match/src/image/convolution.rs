@@ -1,9 +1,9 @@
-//! Gray values under a point-spread function, in integers: what the camera would have recorded under that
-//! blur.
+//! Gray values under a point-spread function, in integers: the image that the camera would have recorded with
+//! that blur.
 //!
-//! True convolution, the kernel flipped, of the image continued by reflection (`d c b a | a b c d`), as
-//! `scipy.ndimage.convolve(mode="reflect")` has it. Sums are exact and rounded once (twice for kernels that
-//! are applied along one axis after the other), so the bits do not depend on bands, threads or instructions.
+//! True convolution, with the kernel flipped, of the image continued by reflection (`d c b a | a b c d`),
+//! like `scipy.ndimage.convolve(mode="reflect")`. Sums are exact and rounded once (twice for kernels applied
+//! along one axis after the other), so the bits do not depend on bands, threads or instructions.
 
 use std::array::from_fn;
 use std::ops::Range;
@@ -17,11 +17,11 @@ use crate::image::gray_scale::FINER_LOG2;
 use crate::image::intensity::{Gray, LARGEST_REACH};
 
 /// Binary logarithm of the sum of a kernel's weights: the taps of a disk of radius 10 are then right to 2 %,
-/// and gray values below `2^17` still have sums of 32 bits.
+/// and gray values below `2^17` still have 32-bit sums.
 pub const SHIFT: u32 = 14;
 /// Most bits after the point of a result.
 pub const MOST_FRACTION: u32 = 8;
-/// Further bits that are kept between the two passes of a separable kernel.
+/// Further bits kept between the two passes of a separable kernel.
 pub const GUARD: u32 = 2;
 
 /// Largest difference of the sum of the taps from 1; they are divided by their sum.
@@ -32,13 +32,13 @@ const PRODUCT_TOLERANCE: f64 = 1.0 / (1 << 20) as f64;
 /// last bits.
 const TIE_STEPS: f64 = (1 << 20) as f64;
 
-/// Pixels whose sums stay in registers during the loop over taps: four registers of AVX2, eight where sums
-/// have 64 bits. With a kernel of 129 taps, this loop by itself takes 1.9 ms for 741 x 497 pixels on a Zen 3,
-/// with 64 pixels 1.7; in single precision 2.3, on pixels of 16 bits 2.1.
+/// Pixels whose sums stay in registers during the loop over taps: four AVX2 registers, or eight for 64-bit
+/// sums. With a kernel of 129 taps, this loop alone takes 1.9 ms for 741 x 497 pixels on a Zen 3; with 64
+/// pixels 1.7; in single precision 2.3; on 16-bit pixels 2.1.
 const BLOCK: usize = 32;
 
-/// A point-spread function in integers: weights from 0 that sum to `2^SHIFT`. So no result leaves the range
-/// of the image, and a constant image stays the same.
+/// A point-spread function in integers: weights of at least 0 with the sum `2^SHIFT`. So no result leaves the
+/// range of the image, and a constant image does not change.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Kernel(KernelWeights);
 
@@ -57,9 +57,11 @@ pub enum KernelWeights {
 }
 
 impl Kernel {
-    /// A kernel of odd sides up to [`LARGEST_KERNEL`], its taps finite, not negative, of sum 1 within 0.001.
+    /// A kernel with odd sides up to [`LARGEST_KERNEL`]; its taps are finite, not negative, with a sum of 1
+    /// within 0.001.
     ///
-    /// An outer product, to single precision, is applied along the columns and then along the rows.
+    /// A kernel that is an outer product, to single precision, is applied along the columns and then along
+    /// the rows.
     pub fn new(taps: &Plane<f64>) -> Result<Self> {
         let total = check(taps)?;
         let taps = taps.map(|tap| tap / total);
@@ -69,7 +71,7 @@ impl Kernel {
         }
     }
 
-    /// The outer product of a column and a row of taps, each as [`Self::new`] takes them.
+    /// The outer product of a column and a row of taps, each as [`Self::new`] accepts them.
     pub fn separable(column: &[f64], row: &[f64]) -> Result<Self> {
         let column = Plane::from_vec(column.len(), 1, column.to_vec())?;
         let row = Plane::from_vec(1, row.len(), row.to_vec())?;
@@ -105,8 +107,8 @@ impl Kernel {
 }
 
 impl Gray<'_> {
-    /// The same image under a kernel, in the finest steps that there is room for. Masked pixels have the
-    /// values of valid neighbors by now, so they spread nothing of their own.
+    /// The same image under a kernel, in the finest steps that fit. Masked pixels already have the values of
+    /// valid neighbors, so they spread nothing of their own.
     pub fn convolved(&self, kernel: &Kernel, level: Level, control: &Control) -> Result<Gray<'static>> {
         let fits = |bits: &u32| self.reach() << bits <= LARGEST_REACH;
         let bits = (0..=FINER_LOG2).rev().find(fits).unwrap_or(0);
@@ -115,15 +117,14 @@ impl Gray<'_> {
     }
 }
 
-/// The gray values under the kernel, with `fraction` bits after the point: their magnitude is up to the
+/// The gray values under the kernel, with `fraction` bits after the point: their magnitude is at most the
 /// image's reach times `2^fraction`.
 ///
-/// Each sum is rounded to the nearest, half upwards. `fraction` is at most [`MOST_FRACTION`], and the reach
-/// times `2^(fraction + GUARD)` below `2^31`: the largest reach there is, `2^25`, leaves 3 bits.
+/// Each sum is rounded to the nearest, half upward. `fraction` is at most [`MOST_FRACTION`], and the reach
+/// times `2^(fraction + GUARD)` is below `2^31`: the largest possible reach, `2^25`, leaves 3 bits.
 ///
-/// Sums are taken in 32 bits where these hold the largest possible one: for values below `2^17`, which in the
-/// second pass of an outer product have `fraction + GUARD` bits after the point. 64 bits take 1.6 to 1.8
-/// times as long.
+/// Sums use 32 bits if the largest possible one fits: for values below `2^17`, which in the second pass of an
+/// outer product have `fraction + GUARD` bits after the point. 64 bits take 1.6 to 1.8 times as long.
 pub fn convolve(
     gray: &Gray,
     kernel: &Kernel,
@@ -139,7 +140,7 @@ pub fn convolve(
         control.checkpoint()?;
         write_row(level, &first, &pixels.as_slice()[y * first.width..], out);
 
-        // The second pass needs one row only, so it follows at once, while the row is in the cache.
+        // The second pass needs only one row, so it follows at once, while the row is in the cache.
         if let Some(pass) = &second {
             let mut row = zeroed(pass.width)?;
             row[pass.columns(out.len())].copy_from_slice(out);
@@ -151,7 +152,7 @@ pub fn convolve(
     })
 }
 
-/// The sum of taps; an error unless they are legal.
+/// The sum of taps; an error if they are invalid.
 fn check(taps: &Plane<f64>) -> Result<f64> {
     let (rows, cols) = (taps.rows(), taps.cols());
     if [rows, cols].iter().any(|side| side % 2 == 0 || *side > LARGEST_KERNEL) {
@@ -183,8 +184,8 @@ fn check_fraction(fraction: u32, reach: u32) -> Result<()> {
     Err(Error::value("fraction", format!("{fraction} for values up to {reach}"), accepted))
 }
 
-/// The column and the row that taps of sum 1 are the outer product of, if they are: the sums along the other
-/// axis.
+/// The column and the row whose outer product the taps (of sum 1) are, if they are one: the sums along the
+/// other axis.
 fn factors(taps: &Plane<f64>) -> Option<[Plane<f64>; 2]> {
     let (rows, cols) = (taps.rows(), taps.cols());
     let column = Plane::from_fn(rows, 1, |y, _| taps.row(y).iter().sum::<f64>());
@@ -196,10 +197,11 @@ fn factors(taps: &Plane<f64>) -> Option<[Plane<f64>; 2]> {
     (0..rows).all(|y| (0..cols).all(|x| is_near(y, x))).then_some([column, row])
 }
 
-/// Taps of sum 1 as weights of sum `2^SHIFT`: rounded down, and those with the largest remainders up.
+/// Taps of sum 1 as weights of sum `2^SHIFT`: rounded down, except those with the largest remainders, which
+/// are rounded up.
 ///
-/// Ties are broken from the center outwards, opposite taps one after the other, so that a disk, whose taps
-/// are all alike, is not shifted by the weights that remain.
+/// Ties are broken from the center outward, opposite taps one after the other, so that the leftover weights
+/// do not shift a disk, whose taps are all alike.
 fn quantized(taps: &Plane<f64>) -> Plane<i32> {
     let exact = taps.map(|tap| tap * f64::from(1 << SHIFT));
     let mut weights = exact.map(|tap| *tap as i32);
@@ -232,7 +234,7 @@ fn trimmed(weights: &Plane<i32>) -> Plane<i32> {
         [vertical.max(y.abs_diff(center[0])), horizontal.max(x.abs_diff(center[1]))]
     });
 
-    // The center stays the center: as much is kept on either side.
+    // The center stays the center: both sides keep the same amount.
     let (rows, cols) = (2 * used[0] + 1, 2 * used[1] + 1);
     let at = |y: usize, x: usize| weights.row(y + center[0] - used[0])[x + center[1] - used[1]];
     Plane::from_fn(rows, cols, at)
@@ -244,12 +246,12 @@ fn taps(weights: &Plane<i32>) -> impl Iterator<Item = (usize, usize, i32)> {
     all.map(|(y, x)| (y, x, weights.row(y)[x])).filter(|(.., weight)| *weight != 0)
 }
 
-/// One pass of a kernel over rows of an image with its continuation.
+/// One pass of a kernel over the rows of an image with its continuation.
 #[derive(Debug)]
 struct KernelPass {
-    /// Halo: rows above and below, columns on the left and at least as many on the right.
+    /// Halo: rows above and below, columns on the left and at least that number on the right.
     radii: (usize, usize),
-    /// Values from the start of a row to that of the next.
+    /// Values from the start of one row to the next.
     width: usize,
     taps: Vec<Tap>,
     /// Bits that are rounded off.
@@ -289,8 +291,7 @@ impl KernelPass {
         let tap = |(y, x, weight)| Tap { offset: (rows - 1 - y) * width + cols - 1 - x, weight };
 
         let shift = SHIFT + had - kept;
-        // Weights sum to 2^SHIFT, so no sum is larger than the largest value times that, plus half for
-        // rounding.
+        // Weights sum to 2^SHIFT, so no sum exceeds the largest value times that, plus half for rounding.
         let largest = (u64::from(reach) << SHIFT) + (1 << (shift - 1));
 
         Self {
@@ -351,7 +352,7 @@ fn write_sums<S: Accumulator>(taps: &[Tap], shift: u32, pixels: &[i32], out: &mu
     }
 }
 
-/// The rounded sums of a block. Values are copied, so that the compiler knows that sums do not overlap them.
+/// The rounded sums of a block. Values are copied, so that the compiler sees that sums do not overlap them.
 #[inline(always)]
 fn sums<S: Accumulator>(taps: &[Tap], shift: u32, pixels: &[i32]) -> [i32; BLOCK] {
     let mut sums = [S::half(shift); BLOCK];

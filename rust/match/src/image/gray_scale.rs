@@ -1,21 +1,21 @@
-//! What gray values stand for: steps of integers, or of the range of floats.
+//! The meaning of gray values: steps of integers, or of the range of floats.
 
 use crate::base::value::nearest;
 use crate::image::intensity_range::{IntensityRange, floor_log2};
 
-/// Binary logarithm of the steps into which the intensity range of a float image is cut: finer than 16 bits.
+/// Binary logarithm of the number of steps in the intensity range of a float image: finer than 16 bits.
 const FLOAT_STEPS_LOG2: i32 = 22;
-/// Gray values of float images are clamped this many steps from black: four ranges.
+/// Gray values of float images are clamped to this many steps from black: four ranges.
 const FLOAT_REACH: i32 = 1 << 24;
-/// Binary logarithm of the most steps of a blurred or smoothed image to one of the image itself.
+/// Binary logarithm of the most steps of a blurred or smoothed image per step of the image itself.
 pub const FINER_LOG2: u32 = 4;
-/// Steps of a luminance to one of the integers that its channels are: as fine as smoothed images.
+/// Steps of a luminance per step of its integer channels: as fine as in smoothed images.
 pub const LUMINANCE_STEPS: i32 = 1 << FINER_LOG2;
 
-/// What the gray values of an image stand for.
+/// The meaning of the gray values of an image.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GrayScale {
-    /// Steps per unit of the pixels: the product of two, since it may overflow.
+    /// Steps per unit of the pixels, as the product of two, since it may overflow.
     factors: [f64; 2],
     /// The pixel whose gray value is 0.
     zero: f64,
@@ -27,8 +27,8 @@ pub struct GrayScale {
 }
 
 impl GrayScale {
-    /// The scale of integers that are multiples of a step and use this many bits, of luminances or not; `given`
-    /// are black and white of words.
+    /// The scale of integers that are multiples of a step and use this many bits, of luminances or not;
+    /// `given` is the black and white of words.
     pub fn of_integers(
         (step, bits): (f64, u32),
         in_color: bool,
@@ -88,7 +88,7 @@ impl GrayScale {
         }
     }
 
-    /// Steps per unit of the pixels: the product of two, since it may overflow.
+    /// Steps per unit of the pixels, as the product of two, since it may overflow.
     pub fn factors(&self) -> [f64; 2] {
         self.factors
     }
@@ -118,33 +118,33 @@ impl GrayScale {
         self.ends[0].unsigned_abs()
     }
 
-    /// Bits of gray values beyond 15, with which sums of their squares over windows fit.
+    /// Bits of gray values beyond the 15 for which sums of their squares over windows fit.
     pub fn surplus(&self) -> u32 {
         (u32::BITS - self.reach().leading_zeros()).saturating_sub(15)
     }
 
-    /// Black and white as gray values: of bytes the ends, else robust ones of the image's valid pixels.
+    /// Black and white as gray values: for bytes the ends, else robust ones of the image's valid pixels.
     pub fn range(&self) -> [i32; 2] {
         self.range
     }
 
-    /// White less black, in units of the pixels.
+    /// White minus black, in units of the pixels.
     pub fn width(&self) -> f64 {
         self.width
     }
 
-    /// A gray level in units of the pixels, one of 256 from black to white: few cameras use all 16 bits, so
-    /// of integers as many bits count as the brightest pixel of the pair has.
+    /// A gray level, one of 256 from black to white, in units of the pixels. Few cameras use all 16 bits, so
+    /// for integers white is the largest value of the bits that the brightest pixel of the pair has.
     pub fn level(&self) -> f64 {
         self.level
     }
 
-    /// The difference of two integers, in units of the pixels; `None`: pixels are floats.
+    /// The difference between two consecutive integers, in units of the pixels; `None`: pixels are floats.
     pub fn step(&self) -> Option<f64> {
         self.step
     }
 
-    /// The nearest gray value, a tie being rounded away from the least one.
+    /// The nearest gray value; ties are rounded away from the least one.
     #[inline]
     pub fn nearest(&self, gray: f64) -> i32 {
         let least = f64::from(self.ends[0]);
@@ -162,18 +162,18 @@ impl GrayScale {
         Self { range, ..*self }
     }
 
-    /// The sum of a gray value and of that of its negative.
+    /// The sum of a gray value and its negative's.
     pub fn mirror(&self) -> i32 {
         let [dark, bright] = if self.step.is_some() { self.ends } else { self.range };
         dark + bright
     }
 }
 
-/// As many steps to every range.
+/// Steps for floats: the same number in every range.
 #[derive(Debug, Clone, Copy)]
 pub struct FloatSteps {
     black: f64,
-    /// Steps per unit: the product of two, since it may overflow.
+    /// Steps per unit, as the product of two, since it may overflow.
     factors: [f64; 2],
 }
 

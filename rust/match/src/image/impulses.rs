@@ -1,7 +1,7 @@
 //! Impulses: pixels unrelated to their neighbors, such as hot, dead and stuck pixels, salt and pepper.
 //!
-//! An impulse lies far outside the range of its eight neighbors. A detail of one pixel hardly does, since the
-//! optics spread it. With n the neighbors, sorted:
+//! An impulse lies far outside the range of its eight neighbors. A one-pixel detail hardly ever does, since
+//! the optics spread it. With the sorted neighbors n:
 //!
 //! ```text
 //! spread = n[6] - n[1]
@@ -9,8 +9,8 @@
 //! if beyond > spread + height: pixel = median(n)
 //! ```
 //!
-//! An image is taken to have impulses if enough of its pixels are so beyond doubt ([`count_doubtless`]). It
-//! continues by reflection without its outermost pixels, so that these are not their own neighbors.
+//! An image has impulses if enough of its pixels are impulses beyond doubt ([`count_doubtless`]). It
+//! continues by reflection without repeating its outermost pixels, so that these are not their own neighbors.
 
 use crate::base::control::Control;
 use crate::base::error::Result;
@@ -19,18 +19,18 @@ use crate::base::simd::{Level, leveled};
 
 /// Rows above and below a pixel whose values count.
 pub const REACH: usize = 1;
-/// Least height of an impulse above or below its neighbors, in an image that has impulses; gray levels, 255
+/// Least height of an impulse above or below its neighbors in an image that has impulses; gray levels, 255
 /// from black to white.
 pub const HEIGHT: f64 = 20.0;
 /// Least height of an impulse beyond doubt ...
 const DOUBTLESS_HEIGHT: f64 = 40.0;
-/// ... to which this many times the spread of its neighbors are added.
+/// ... plus this many times the spread of its neighbors.
 const DOUBTLESS_SPREADS: i32 = 3;
-/// Share of pixels beyond doubt above which there are impulses. Clean pairs have half of it at
-/// most; noise, JPEG and softness fewer.
+/// Share of pixels beyond doubt above which there are impulses. Clean pairs have at most half of it; noisy,
+/// JPEG and soft ones less.
 const LEAST_SHARE: f64 = 4e-5;
 
-/// Gray values without impulses of this height, in steps, and above.
+/// Gray values without impulses of at least this height, in steps.
 pub fn repaired(plane: &Plane<i32>, height: i32, level: Level, control: &Control) -> Result<Plane<i32>> {
     let (rows, cols) = (plane.rows(), plane.cols());
     Plane::by_bands((rows, cols), 1, |y, out| {
@@ -40,7 +40,7 @@ pub fn repaired(plane: &Plane<i32>, height: i32, level: Level, control: &Control
     })
 }
 
-/// The number of impulses beyond doubt in some rows, where a gray level has this many steps.
+/// The number of impulses beyond doubt in some rows, for this many steps per gray level.
 pub fn count_doubtless(
     plane: &Plane<i32>,
     rows: std::ops::Range<usize>,
@@ -76,7 +76,7 @@ fn around(plane: &Plane<i32>, y: usize) -> [&[i32]; 3] {
     [-1, 0, 1].map(|by| plane.row(mirrored(y as isize + by, plane.rows())))
 }
 
-/// The first and the last column: their neighbors are not all in the row.
+/// The first and the last column: some of their neighbors are outside the row.
 #[inline(always)]
 fn ends(cols: usize) -> [usize; 2] {
     [0, cols - 1]
@@ -102,8 +102,8 @@ fn repair_row(level: Level, rows: [&[i32]; 3], height: i32, out: &mut [i32]) {
     }
 }
 
-/// Writes pixels from the second one of these rows on. Outputs and inputs are arguments of their own: so that
-/// the vectorizer knows that they do not overlap.
+/// Writes pixels from the second one of these rows on. Outputs and inputs are separate arguments, so that the
+/// vectorizer sees that they do not overlap.
 #[inline(always)]
 fn repair([above, own, below]: [&[i32]; 3], height: i32, out: &mut [i32]) {
     let n = out.len();
@@ -131,7 +131,7 @@ fn doubtless(level: Level, rows: [&[i32]; 3], height: i32, found: &mut [u32]) ->
     found.iter().sum()
 }
 
-/// As [`doubtless`]; arguments of its own as for [`repair`].
+/// The vectorized part of [`doubtless`], with separate arguments as in [`repair`].
 #[inline(always)]
 fn find_doubtless([above, own, below]: [&[i32]; 3], height: i32, found: &mut [u32]) {
     let n = found.len();
@@ -143,7 +143,7 @@ fn find_doubtless([above, own, below]: [&[i32]; 3], height: i32, found: &mut [u3
     }
 }
 
-/// The distance of a pixel beyond its neighbors, their spread, and their median.
+/// How far a pixel lies beyond its neighbors, their spread, and their median.
 #[inline(always)]
 fn compared(above: &[i32], own: &[i32], below: &[i32], x: usize) -> (i32, i32, i32) {
     let (low, middle, high) = ranks([
@@ -161,13 +161,13 @@ fn compared(above: &[i32], own: &[i32], below: &[i32], x: usize) -> (i32, i32, i
     ((pixel - high).max(low - pixel), high - low, middle)
 }
 
-/// The second smallest, the mean of the middle two, rounded down, and the second largest of eight values.
+/// Of eight values, the second smallest, the mean of the middle two, rounded down, and the second largest.
 #[inline(always)]
 #[expect(clippy::many_single_char_names, reason = "places of a network that sorts")]
 fn ranks(values: [i32; 8]) -> (i32, i32, i32) {
     let [a, b, c, d, e, f, g, h] = values;
 
-    // Batcher's odd-even merge sort, without the outputs that nobody reads.
+    // Batcher's odd-even merge sort, without the unused outputs.
     let ((a, b), (c, d), (e, f), (g, h)) = (sorted(a, b), sorted(c, d), sorted(e, f), sorted(g, h));
     let ((a, c), (b, d), (e, g), (f, h)) = (sorted(a, c), sorted(b, d), sorted(e, g), sorted(f, h));
     let ((b, c), (f, g)) = (sorted(b, c), sorted(f, g));
@@ -190,8 +190,8 @@ mod tests {
 
     #[test]
     fn ranks_are_those_of_the_sorted() {
-        // Networks that sort zeros and ones sort anything; two bits in each distinguish a rank from its
-        // neighbors, too.
+        // Networks that sort zeros and ones sort anything; two bits per value also distinguish a rank from
+        // its neighbors.
         for code in 0..1 << 16 {
             let values: [i32; 8] = std::array::from_fn(|i| code >> (2 * i) & 3);
             let mut sorted = values;

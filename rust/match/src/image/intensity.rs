@@ -1,7 +1,7 @@
 //! Gray values of an image, for the phase codes, and gray levels of a pair, for SAD.
 //!
 //! All arithmetic after [`crate::image::conversion`] is exact, so results do not depend on how the work is
-//! cut into bands. Scaling an image by a factor scales every spectral component by it, and no code changes.
+//! cut into bands. Scaling an image scales all spectral components by the same factor and changes no code.
 
 use std::borrow::Cow;
 
@@ -22,13 +22,13 @@ const LEVEL_BLACK: f64 = LEVEL_RANGE;
 /// Largest value of a plane of levels.
 pub const LEVEL_CEILING: u16 = 3 * 255 * LEVEL_STEPS;
 
-/// The gray values that phase codes are taken from. Each image may have its own scale, since codes compare
+/// The gray values that phase codes are computed from. Each image may have its own scale, since codes compare
 /// directions, not lengths.
 #[derive(Debug)]
 pub struct Gray<'a> {
     plane: Cow<'a, Plane<i32>>,
     reach: u32,
-    /// Steps per unit of the caller's pixels: the product of two, since it may overflow.
+    /// Steps per unit of the caller's pixels, as the product of two, since it may overflow.
     unit: [f64; 2],
 }
 
@@ -51,7 +51,7 @@ impl<'a> Gray<'a> {
         Self { plane: Cow::Owned(plane), reach, unit: [1.0, 1.0] }
     }
 
-    /// These gray values after processing, in other steps: the largest magnitude is `reach`.
+    /// These gray values after processing, in other steps, with magnitudes up to `reach`.
     pub fn scaled(&self, reach: u32, plane: Plane<i32>) -> Gray<'static> {
         let [unit, rest] = self.unit;
         let unit = [unit * (f64::from(reach) / f64::from(self.reach)), rest];
@@ -59,12 +59,12 @@ impl<'a> Gray<'a> {
         Gray { unit, ..Gray::within(reach, plane) }
     }
 
-    /// Other gray values of the same scale.
+    /// Other gray values on the same scale.
     pub fn like(&self, plane: Plane<i32>) -> Gray<'static> {
         Gray { unit: self.unit, ..Gray::within(self.reach, plane) }
     }
 
-    /// One step of another image in steps of this one.
+    /// Steps of this image per step of another.
     pub fn steps_to(&self, other: &Self) -> f64 {
         let [a, b] = [0, 1].map(|i| self.unit[i] / other.unit[i]);
         a * b
@@ -92,8 +92,7 @@ impl<'a> Gray<'a> {
 }
 
 /// The gray levels of both images, for SAD, in steps of `1 / LEVEL_STEPS` above `LEVEL_BLACK`. `given` is the
-/// intensity range that the user names, in units of the caller's pixels; without it, it is the union of those
-/// of both images.
+/// user's intensity range, in units of the caller's pixels; without it, the union of those of both images.
 pub fn level_planes(
     views: [&View; 2],
     given: Option<(f64, f64)>,
@@ -105,7 +104,7 @@ pub fn level_planes(
 
     let levels = |view: &View| {
         let [black, white] = [black, white].map(|pixel| view.scale().gray(pixel));
-        // A pair of constant images has a range of no width; any step will do.
+        // A pair of constant images has a range of zero width; any step will do.
         let step = if white > black { (white - black) / LEVEL_RANGE } else { 1.0 };
         let level = |gray: i32| ((f64::from(gray) - black) / step).round() + LEVEL_BLACK;
         Plane::by_rows(view.size(), control, |y, row: &mut [u16]| {

@@ -10,14 +10,14 @@ pub struct IntensityRange {
 }
 
 impl IntensityRange {
-    /// A range about zero that contains magnitudes up to `most`. Its ends are powers of two, so steps of it
+    /// A range around zero that contains magnitudes up to `most`. Its ends are powers of two, so its steps
     /// are, too.
     pub fn about_zero(most: f64) -> Self {
         let white = 2f64.powi(floor_log2(most) + 1);
         Self { black: -white, white }
     }
 
-    /// White less black.
+    /// White minus black.
     pub fn width(self) -> f64 {
         self.white - self.black
     }
@@ -31,7 +31,7 @@ impl IntensityRange {
 /// The range of an image without a valid pixel.
 pub const NOWHERE: IntensityRange = IntensityRange { black: 0.0, white: 0.0 };
 
-/// The exponent of the leading bit; 0 for zero, so that a constant image has some scale.
+/// The exponent of the leading bit; 0 for zero, so that a constant image has a valid scale.
 pub fn floor_log2(value: f64) -> i32 {
     if value == 0.0 { 0 } else { ((value.to_bits() >> 52) & 0x7ff) as i32 - 1023 }
 }

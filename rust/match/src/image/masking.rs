@@ -7,11 +7,11 @@ use crate::settings::LARGEST_WINDOW;
 /// Which pixels are valid.
 pub type Mask = Plane<bool>;
 
-/// Most rows between a row without a valid value and the row that it copies: as far as codes under the
-/// largest kernel depend on pixels, so rows further away matter to no valid pixel.
+/// Most rows between a row without a valid value and the row that it copies: codes under the largest kernel
+/// depend on pixels no further away, so rows beyond do not matter to any valid pixel.
 pub const REACH: usize = LARGEST_KERNEL / 2 + LARGEST_WINDOW / 2;
 
-/// Replaces masked values by the nearest valid value of their row (ties: left). A row without any copies the
+/// Replaces masked values by the nearest valid value in their row (ties: left). A row without any copies the
 /// nearest row that has one, up to [`REACH`] away (ties: above), or becomes zero.
 pub fn fill_masked<T: Copy + Default>(plane: &mut Plane<T>, mask: &Mask) {
     let seeded: Vec<bool> = (0..mask.rows()).map(|y| mask.row(y).contains(&true)).collect();
@@ -42,7 +42,7 @@ fn fill_row<T: Copy>(row: &mut [T], valid: &[bool]) {
 
         let left = start.checked_sub(1).map(|x| row[x]);
         let right = row.get(end).copied();
-        // The pixels of the left half, that in the middle included, are nearer to the left value.
+        // The pixels of the left half, including the middle one, are nearer to the left value.
         let middle = start + (end - start).div_ceil(2);
         let (of_left, of_right) = row[start..end].split_at_mut(middle - start);
         if let Some(value) = left.or(right) {
@@ -54,9 +54,8 @@ fn fill_row<T: Copy>(row: &mut [T], valid: &[bool]) {
     }
 }
 
-/// Pixels of this many channels with masked ones replaced by the nearest valid ones of their column, up to
-/// `reach - 1` rows away, or else by `black`: what is resampled along columns must not take them from other
-/// columns.
+/// Pixels of this many channels, with masked ones replaced by the nearest valid ones of their column up to
+/// `reach - 1` rows away, else by `black`: resampling along columns must not use values from other columns.
 pub fn filled_along_columns<T: Copy>(
     pixels: &[T],
     channels: usize,
@@ -79,7 +78,7 @@ pub fn filled_along_columns<T: Copy>(
     filled
 }
 
-/// For every place the nearest place that holds true (ties: the smaller one).
+/// For every place the nearest place that is true (ties: the smaller one).
 pub(crate) fn nearest(present: &[bool]) -> Vec<Option<usize>> {
     // Forward, the last one so far; backward, the better of it and the next one.
     let mut before = None;

@@ -1,4 +1,4 @@
-//! Images as callers hand them over: pixels of four types, in one channel or three.
+//! Images as callers pass them: pixels of four types, in one channel or three.
 
 use ndarray::{Array3, ArrayView2, Axis, s};
 
@@ -10,7 +10,7 @@ use crate::image::masking::{Mask, filled_along_columns};
 use crate::image::resampling::TAPS;
 use crate::settings::LARGEST_PIXEL;
 
-/// An image of `rows x cols x channels` (1 or 3 channels) as it came from the caller.
+/// An image of `rows x cols x channels` (1 or 3 channels) as passed by the caller.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Image {
     /// 8 bits a channel.
@@ -23,18 +23,18 @@ pub enum Image {
     F64(Array3<f64>),
 }
 
-/// One camera's image as it came from the caller, before it becomes gray.
+/// One camera's image as passed by the caller, before it becomes gray.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Input {
     /// Its pixels.
     pub image: Image,
     /// Its valid pixels; `None`: all.
     pub mask: Option<Mask>,
-    /// What 1 stands for in the image, in units of the pixels of the pair.
+    /// The meaning of 1 in the image, in units of the pixels of the pair.
     pub unit: f64,
 }
 
-/// Does the same work on pixels of any type.
+/// Applies the same code to pixels of any type.
 macro_rules! of_any_type {
     ($image:expr, $pixels:ident => $work:expr) => {
         match $image {
@@ -46,7 +46,7 @@ macro_rules! of_any_type {
     };
 }
 
-/// The same for work that gives pixels of the type of the image, which become an image again.
+/// The same for code that returns pixels of the image's type, which become an image again.
 macro_rules! of_same_type {
     ($image:expr, $pixels:ident => $work:expr) => {
         match $image {
@@ -71,7 +71,7 @@ impl Image {
         of_any_type!(self, pixels => pixels.dim())
     }
 
-    /// Channels of this many rows and columns as an image of the type of this one: each value becomes the
+    /// Channels of this many rows and columns as an image of the type of this one, with values rounded to the
     /// nearest.
     pub fn of_channels(&self, channels: &[Plane<f64>]) -> Result<Self> {
         Ok(match self {
@@ -82,9 +82,8 @@ impl Image {
         })
     }
 
-    /// Appends the integers that row `y` consists of, in multiples of a step, from 0 to `ends[1] - ends[0]`,
-    /// above `ends[0]`. With `in_color`, they are the luminances of three channels, in sixteenths; else the
-    /// first channel counts.
+    /// Appends row `y` as integers: multiples of a step above `ends[0]`, from 0 to `ends[1] - ends[0]`. With
+    /// `in_color`, they are the luminances of three channels, in sixteenths; else the first channel counts.
     pub fn append_integers(
         &self,
         y: usize,
@@ -100,7 +99,7 @@ impl Image {
             Self::U16(pixels) if is_one => {
                 append(pixels, y, in_color, least, |value| i32::from(value).min(most), gray);
             }
-            // Masked pixels may be anything; conversions saturate.
+            // Masked pixels may have any value; conversions saturate.
             _ => of_any_type!(self, pixels => {
                 let integer = |value| i32::from((double(value) / step + 0.5) as u16).min(most);
                 append(pixels, y, in_color, least, integer, gray);
@@ -108,8 +107,8 @@ impl Image {
         }
     }
 
-    /// Writes the luminances of row `y` in thousandths of the pixels' unit: `299 R + 587 G + 114 B`, or of
-    /// the first channel alone.
+    /// Writes the luminances of row `y` in thousandths of the pixels' unit: `299 R + 587 G + 114 B`, or those
+    /// of the first channel.
     pub fn write_luminance(&self, y: usize, in_color: bool, row: &mut [f64]) {
         of_any_type!(self, pixels => {
             for (value, pixel) in row.iter_mut().zip(row_of(pixels, y).rows()) {
@@ -169,7 +168,8 @@ pub trait Resampler {
 }
 
 impl Input {
-    /// Pixels of the same type, resampled; masked ones do not spread. What is valid is for the caller to say.
+    /// Pixels of the same type, resampled; masked ones do not spread. The caller decides which results are
+    /// valid.
     pub fn resampled(&self, by: &impl Resampler, mask: Option<Mask>) -> Result<Self> {
         let image = of_same_type!(&self.image, pixels => self.resampled_type(pixels, by)?);
         Ok(Self { image, mask, unit: self.unit })
@@ -192,19 +192,19 @@ impl Input {
             .map_err(|fault| Error::value("image", fault, "values of every pixel"))
     }
 
-    /// One of its channels.
+    /// One channel of the image.
     pub fn channel(&self, channel: usize) -> Self {
         let image = of_same_type!(&self.image, pixels => channel_of(pixels, channel));
         Self { image, mask: self.mask.clone(), unit: self.unit }
     }
 
-    /// The image turned by a quarter, counterclockwise, as [`Plane::turned`].
+    /// The image turned by 90 degrees counterclockwise, like [`Plane::turned`].
     pub fn turned(&self) -> Self {
         let image = of_same_type!(&self.image, pixels => turned(pixels));
         Self { image, mask: self.mask.as_ref().map(Plane::turned), unit: self.unit }
     }
 
-    /// The image with its rows or columns in the other order, as [`Plane::reversed`].
+    /// The image with its rows or columns in reverse order, like [`Plane::reversed`].
     pub fn reversed(&self, axis: Axis) -> Self {
         let image = of_same_type!(&self.image, pixels => reversed(pixels, axis));
         Self { image, mask: self.mask.as_ref().map(|mask| mask.reversed(axis)), unit: self.unit }
@@ -216,7 +216,7 @@ impl Input {
         (rows, cols)
     }
 
-    /// Whether the mask, if there is one, calls the pixel valid.
+    /// Whether the pixel is valid by the mask, if there is one.
     pub fn is_valid(&self, y: usize, x: usize) -> bool {
         self.mask.as_ref().is_none_or(|mask| mask.row(y)[x])
     }
@@ -267,7 +267,7 @@ impl Input {
     fn first_fault<T: Copy + Into<f64>>(&self, pixels: &Array3<T>) -> Option<(usize, usize, f64)> {
         let is_fault = |value: f64| value.is_nan() || value.abs() > LARGEST_PIXEL;
 
-        // Nearly all images have no faults, and a plain sweep over the values finds that out quickly.
+        // Nearly all images have no faults, and a plain pass over the values shows it quickly.
         if !pixels.iter().any(|&value| is_fault(value.into())) {
             return None;
         }
@@ -316,7 +316,7 @@ fn row_of<T>(pixels: &Array3<T>, y: usize) -> ArrayView2<'_, T> {
     pixels.index_axis(Axis(0), y)
 }
 
-/// As [`Image::append_integers`], of one type.
+/// [`Image::append_integers`] for one type.
 fn append<T: Copy>(
     pixels: &Array3<T>,
     y: usize,
@@ -349,7 +349,8 @@ impl<T: Copy, F: Fn(T) -> i32> Loop for Append<'_, T, F> {
     fn run(self) {
         let Self { values, channels, in_color, least, integer, gray } = self;
         if in_color {
-            // 0.299, 0.587 and 0.114 in 2^15ths, so that sums of words fit in 31 bits; sixteenths, rounded, are left.
+            // 0.299, 0.587 and 0.114 in 2^15ths, so that sums of words fit in 31 bits; the result is in
+            // rounded sixteenths.
             gray.extend(values.as_chunks().0.iter().map(|pixel| {
                 let [r, g, b] = pixel.map(&integer);
                 ((9798 * r + 19235 * g + 3735 * b + 1024) >> 11) + least

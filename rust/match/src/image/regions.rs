@@ -4,13 +4,13 @@
 //! for each band of rows, in parallel:
 //!     for each row:
 //!         cut it into runs of connected pixels, each a region of its own
-//!         for each of these runs and each of the row above that share columns, in one of which they are connected:
+//!         for each of these runs and each of the row above with shared columns, connected in one of them:
 //!             unite their regions                                     # union-find, the larger root stays
 //! unite regions across the seams of the bands
 //! ```
 //!
-//! Which pixels are connected is the map's to say. Neither the pixels of a region nor their number depend on
-//! the order.
+//! The map defines which pixels are connected. Neither the pixels of a region nor their number depend on the
+//! order.
 
 use std::ops::Range;
 
@@ -20,12 +20,12 @@ use crate::base::control::Control;
 use crate::base::error::{Error, Result};
 use crate::base::plane::reserve;
 
-/// Rows of a band: enough that uniting bands is little work, few enough that there are bands for all threads.
+/// Rows of a band: enough that uniting bands is little work, few enough that all threads have bands.
 const BAND: usize = 32;
 
-/// A map whose pixels are connected with their neighbors, or not.
+/// A map that defines which neighboring pixels are connected.
 pub trait Connectivity: Sync {
-    /// What is looked at in a row.
+    /// The data of a row.
     type Row;
 
     /// Rows and columns.
@@ -62,7 +62,7 @@ pub struct Regions {
 /// A region of connected pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Region {
-    /// The same for all its runs, and no others.
+    /// Identical for all its runs, and unique to it.
     pub number: u32,
     /// How many pixels it has.
     pub pixels: usize,
@@ -72,7 +72,7 @@ pub struct Region {
 #[derive(Debug, Default)]
 struct RunBand {
     runs: Vec<Run>,
-    /// The first run of each row, and where those of the last row end.
+    /// The first run of each row, and the end of those of the last row.
     rows: Vec<usize>,
     forest: Forest,
 }
@@ -103,8 +103,8 @@ impl Regions {
         });
         let mut bands: Vec<RunBand> = bands.collect::<Result<_>>()?;
 
-        // Bands number their runs from 0, the forest those of all bands. Seams are united in order: that is
-        // little work.
+        // Bands number their runs from 0, the forest numbers those of all bands. Seams are united in order:
+        // that is little work.
         let (mut forest, mut firsts) = (Forest::default(), vec![]);
         for index in 0..bands.len() {
             let first = forest.parents.len();
@@ -209,8 +209,8 @@ impl Forest {
         run
     }
 
-    /// Unites the runs of a row with the runs above that they are connected with. `firsts` are the numbers of
-    /// the first run of each row.
+    /// Unites the runs of a row with the runs above that they connect to. `firsts` are the numbers of the
+    /// first run of each row.
     fn unite_rows<M: Connectivity>(
         &mut self,
         map: &M,
@@ -218,7 +218,7 @@ impl Forest {
         [upper, lower]: [&[Run]; 2],
         firsts: [usize; 2],
     ) {
-        // Both rows are followed from left to right; the run that ends first makes way for the next of its
+        // Both rows are followed from left to right; whichever run ends first advances to the next of its
         // row.
         let (mut i, mut j) = (0, 0);
         while let (Some(a), Some(b)) = (upper.get(i), lower.get(j)) {

@@ -1,13 +1,13 @@
-//! Images read between their pixels: one Lanczos kernel, `sinc(t) sinc(t / 4)`, for all that is resampled.
+//! Images read between their pixels: one Lanczos kernel, `sinc(t) sinc(t / 4)`, for all resampling.
 //!
 //! ```text
 //! out(x) = sum over i of weight(i - place(x)) in(i)        weight(t) = sinc(t / s) sinc(t / 4s) / sum of all
 //! ```
 //!
-//! `s` is 1, or the factor by which an image is reduced, which smooths it. Weights are multiples of `2^-14`
-//! and have the sum 1, so sums of integers are exact, whatever their order. The kernel keeps fine texture,
-//! where linear interpolation would blur it and so make one image softer than the other (bad-1.0 of 12 scenes
-//! rotated by 1 degree: see `docs`).
+//! `s` is 1, or the factor by which an image is reduced, which also smooths it. Weights are multiples of
+//! `2^-14` with sum 1, so sums of integers are exact in any order. The kernel keeps fine texture; linear
+//! interpolation would blur it and make one image softer than the other (bad-1.0 of 12 scenes rotated by 1
+//! degree: see `docs`).
 
 use std::ops::Range;
 use std::sync::OnceLock;
@@ -16,18 +16,18 @@ use crate::base::error::Result;
 use crate::base::math;
 use crate::base::plane::zeroed;
 
-/// Number of pixels that a resampled one is a mean of, along each axis.
+/// Number of pixels averaged for a resampled one, along each axis.
 pub const TAPS: usize = 8;
-/// Steps between two pixels to which places are rounded, where an image is neither reduced nor enlarged.
+/// Steps between two pixels to which places are rounded, if an image is neither reduced nor enlarged.
 pub const STEPS: i32 = 64;
 /// Weights are multiples of `2^-WEIGHT_BITS`.
 pub const WEIGHT_BITS: u32 = 14;
-/// The tap at the rounded-down place itself.
+/// The tap at the rounded-down place.
 pub const CENTER: isize = TAPS as isize / 2 - 1;
-/// Half the width of the kernel in pixels of the coarser image.
+/// Half the width of the kernel, in pixels of the coarser image.
 const REACH: f64 = (TAPS / 2) as f64;
 
-/// The weights at every step; the eight of a step have the sum `2^WEIGHT_BITS`.
+/// The weights at every step; each set of eight has the sum `2^WEIGHT_BITS`.
 pub fn weights() -> &'static [[i32; TAPS]; STEPS as usize] {
     static WEIGHTS: OnceLock<[[i32; TAPS]; STEPS as usize]> = OnceLock::new();
     WEIGHTS.get_or_init(|| {
@@ -51,7 +51,7 @@ fn lanczos(t: f64) -> f64 {
     sinc(t) * sinc(t / REACH)
 }
 
-/// Writes weights of the sum `2^WEIGHT_BITS`; the nearest pixel takes the rounding error.
+/// Writes weights with the sum `2^WEIGHT_BITS`; the nearest pixel takes the rounding error.
 fn quantize(exact: &[f64], nearest: usize, weights: &mut [i32]) {
     let unit = 1 << WEIGHT_BITS;
     let scale = f64::from(unit) / exact.iter().sum::<f64>();
@@ -61,17 +61,17 @@ fn quantize(exact: &[f64], nearest: usize, weights: &mut [i32]) {
     weights[nearest] += unit - weights.iter().sum::<i32>();
 }
 
-/// The pixels of a row or a column that make one, and their weights.
+/// The pixels of a row or a column that contribute to one, and their weights.
 #[derive(Debug)]
 pub struct LanczosTaps {
     weights: Vec<(usize, f64)>,
-    /// Those about its place, which must be valid; none beyond the image.
+    /// Those around its place, which must be valid; none beyond the image.
     pub core: Range<usize>,
 }
 
 impl LanczosTaps {
-    /// The pixels about a place of a row or a column of this many; the image is reduced by the factor `s`, if
-    /// that is above 1.
+    /// The pixels around a place in a row or a column of this length; `s`, if above 1, is the factor by which
+    /// the image is reduced.
     pub fn new(place: f64, s: f64, length: usize) -> Self {
         let end = length as f64;
         let clamp = |at: f64| at.clamp(0.0, end - 1.0) as usize;
@@ -92,8 +92,8 @@ impl LanczosTaps {
     }
 }
 
-/// An image resampled along columns, then along rows: rows of pixels of `channels` values, of which `nearest`
-/// rounds one.
+/// An image resampled along columns, then along rows. Rows hold pixels of `channels` values; `nearest` rounds
+/// a value.
 pub fn resized<T: Copy + Default + Into<f64>>(
     source: &[T],
     (cols, channels): (usize, usize),

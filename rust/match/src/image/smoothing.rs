@@ -1,21 +1,21 @@
 //! Gray values -> gray values with less noise and the same edges: the guided filter of an image by itself (K.
 //! He, J. Sun, X. Tang: *Guided Image Filtering*, PAMI 2013) over 5 x 5 pixels.
 //!
-//! In each window the image is drawn towards its mean, by a share that falls as the variance rises above that
-//! of the noise. Every pixel takes the mean over the windows that it lies in:
+//! Each window draws the image toward its mean, by a share that falls as the variance rises above that of the
+//! noise. Every pixel takes the mean over the windows that contain it:
 //!
 //! ```text
 //! share = deviation^2 / (variance in the window + deviation^2)    # 1: flat, 0: far more than noise
 //! out = pixel + mean over the windows of share * (mean in the window - pixel)
 //! ```
 //!
-//! Sums of gray values are exact, other sums have a fixed order. So a pixel does not depend on where bands
+//! Sums of gray values are exact; other sums have a fixed order. So a pixel does not depend on where bands
 //! begin or on the instructions. The image and the shares continue by reflection.
 //!
-//! A task smooths a band of rows: first the shares of all windows that it needs, then the means over them.
-//! Either step goes down some columns at a time, so that the five rows that a row needs are still in the
-//! first-level cache from the row above it. Rows begin with a cache line; sums over the five rows of a column
-//! come before those over five columns, which start anywhere.
+//! A task smooths a band of rows: first the shares of all windows it needs, then the means over them. Each
+//! step works down a block of columns, so that the five rows that a row needs are still in the first-level
+//! cache from the row above. Rows begin at a cache line; sums over the five rows of a column come before
+//! those over five columns, which start anywhere.
 
 use std::array::from_fn;
 use std::ops::Range;
@@ -29,42 +29,44 @@ use crate::base::value::nearest;
 use crate::image::gray_scale::{FINER_LOG2, LUMINANCE_STEPS};
 use crate::image::intensity::Gray;
 
-/// Pixels from the center of a window to its side. Smaller windows leave more of strong noise, larger ones
+/// Pixels from the center of a window to its side. Smaller windows leave more of strong noise; larger ones
 /// harm sharp and blurred pairs.
 const RADIUS: usize = 2;
 /// Side of a window.
 const SIDE: usize = 2 * RADIUS + 1;
 /// Pixels in a window.
 const AREA: f64 = (SIDE * SIDE) as f64;
-/// The bits of a number that leave 27 of the 53 of its fraction.
+/// Keeps 27 of the 53 bits of the fraction of a number.
 const HIGH_BITS: u64 = u64::MAX << 26;
 /// The inverse of [`AREA`], cut off after 26 bits ...
 const INVERSE_HIGH: f64 = f64::from_bits((1.0 / AREA).to_bits() & u64::MAX << 27);
 /// ... and the rest: `1 / AREA - INVERSE_HIGH`, whose dividend is exact.
 const INVERSE_LOW: f64 = (1.0 - AREA * INVERSE_HIGH) / AREA;
-/// Rows above and below a pixel that it depends on: those of all windows that it lies in.
+/// Rows above and below a pixel that it depends on: those of all windows that contain it.
 pub const REACH: usize = 2 * RADIUS;
-/// Values of a row before its first pixel, of which the last [`RADIUS`] are its continuation: a cache line,
-/// so that the pixels begin with one.
+/// Values of a row before its first pixel, the last [`RADIUS`] of which are its continuation: one cache line,
+/// so that the pixels start at one.
 const MARGIN: usize = 8;
 /// Pixels that are computed together.
 const BLOCK: usize = 16;
 /// Columns that are computed row after row, a multiple of [`BLOCK`]: the rows of their windows stay in the
-/// first-level cache. With 384 rows of 741 pixels take as long, with 128 and 768 they take 0.1 to 0.2 ms of 1
-/// longer.
+/// first-level cache. With 384, rows of 741 pixels take the same time; with 128 and 768, they take 0.1 to 0.2
+/// ms longer than 1 ms.
 const PART: usize = 256;
-/// The same with the margins on either side.
+/// The same, with the margins on either side.
 const SPAN: usize = PART + 2 * MARGIN;
 /// Rows that one task smooths; it prepares `2 * REACH` further ones.
 const BAND_ROWS: usize = 32;
-/// Larger deviations, in steps, are beyond any window's and make no difference; their squares must be finite.
+/// Larger deviations, in steps, exceed those of any window and make no difference; their squares must be
+/// finite.
 const LARGEST_DEVIATION: f64 = (1u64 << 40) as f64;
 /// Largest magnitude of smoothed values, unless the image has larger ones: sums of a later convolution then
 /// fit in 32 bits.
 const NARROW_REACH: u32 = 1 << 17;
 /// Largest magnitudes of gray values of bytes, without and with color.
 const REACH_OF_BYTES: [u32; 2] = [128, 128 * LUMINANCE_STEPS as u32];
-/// Largest magnitude of these after smoothing, in sixteenths of a gray level: sums of codes then fit in 32 bits.
+/// Largest magnitude of these after smoothing, in sixteenths of a gray level: sums of codes then fit in 32
+/// bits.
 const SMOOTHED_BYTES: u32 = 128 << FINER_LOG2;
 
 impl Gray<'_> {
@@ -73,7 +75,7 @@ impl Gray<'_> {
     pub fn smoothed(&self, deviation: f64, level: Level, control: &Control) -> Result<Gray<'static>> {
         let fits = |bits: &u32| self.reach() << bits <= NARROW_REACH;
         let bits = (0..=FINER_LOG2).rev().find(fits).unwrap_or(0);
-        // Bytes, with or without color, come out on the same scale.
+        // Bytes, with or without color, end up on the same scale.
         let is_of_bytes = REACH_OF_BYTES.contains(&self.reach());
         let reach = if is_of_bytes { SMOOTHED_BYTES } else { self.reach() << bits };
 
@@ -83,8 +85,8 @@ impl Gray<'_> {
     }
 }
 
-/// Smooths gray values whose noise has, or is taken to have, this standard deviation, in steps. One step of
-/// the gray values is `scale` steps of the result.
+/// Smooths gray values whose noise is assumed to have this standard deviation, in steps. One step of the gray
+/// values is `scale` steps of the result.
 pub fn smooth(
     gray: &Gray,
     deviation: f64,
@@ -111,7 +113,7 @@ pub fn smooth(
     )
 }
 
-/// What is the same for all bands.
+/// The values shared by all bands.
 struct Smoothing<'a> {
     gray: &'a Gray<'a>,
     noise: f64,
@@ -120,7 +122,7 @@ struct Smoothing<'a> {
     control: &'a Control,
 }
 
-/// What a thread smooths in, band after band.
+/// The buffers of a thread, reused from band to band.
 struct SmoothingBuffers {
     /// A smoothed row.
     row: Memory<i32>,
@@ -128,7 +130,7 @@ struct SmoothingBuffers {
     values: Memory<f64>,
     /// The share of every window.
     shares: Memory<f64>,
-    /// The share of its mean.
+    /// The share times the mean, of every window.
     drawn: Memory<f64>,
     /// Two sums over the columns of the rows of a window.
     columns: [Memory<f64>; 2],
@@ -162,7 +164,7 @@ impl Smoothing<'_> {
         }
     }
 
-    /// Writes the shares of this many rows of windows, and those of their means.
+    /// Writes the shares of this many rows of windows, and the shares times the means.
     fn write_shares(&self, rows: usize, buffers: &mut SmoothingBuffers) -> Result<()> {
         let cols = self.gray.size().1;
         let width = width(cols);
@@ -219,7 +221,7 @@ impl Smoothing<'_> {
     }
 }
 
-/// Columns whose windows are computed together, those of the last block to its end.
+/// Columns whose windows are computed together; the last part extends to the end of its last block.
 fn parts(cols: usize) -> impl Iterator<Item = Range<usize>> {
     let padded = cols.next_multiple_of(BLOCK);
     (0..padded).step_by(PART).map(move |x| x..(x + PART).min(padded))
@@ -238,7 +240,7 @@ fn widen(level: Level, row: &[i32], values: &mut [f64]) {
     }
 }
 
-/// The rows of a window over a part of the columns and the margins beside it; `start` says where each row
+/// The rows of a window over a part of the columns and the margins beside it; `start` is where each row
 /// begins.
 fn window_rows<'a>(
     rows: &'a [f64],
@@ -256,7 +258,7 @@ fn continue_sides(row: &mut [f64], cols: usize) {
     }
 }
 
-/// Writes the shares of a row of windows, and those of their means.
+/// Writes the shares of a row of windows, and the shares times the means.
 #[leveled]
 fn share_windows(
     level: Level,
@@ -272,7 +274,7 @@ fn share_windows(
     write_shares(sums, squares, noise, shares, drawn);
 }
 
-/// Writes a row of smoothed values, from rows of shares, and of shares of means.
+/// Writes a row of smoothed values from rows of shares and of shares times means.
 #[leveled]
 fn filter_row(
     level: Level,
@@ -302,7 +304,7 @@ fn add_columns([a, b, c, d, e]: [&[f64]; SIDE], sums: &mut [f64]) {
     }
 }
 
-/// The same, and sums of their squares.
+/// The same, with sums of their squares.
 #[inline(always)]
 #[expect(clippy::many_single_char_names, reason = "rows in order")]
 fn add_squares([a, b, c, d, e]: [&[f64]; SIDE], sums: &mut [f64], squares: &mut [f64]) {
@@ -317,7 +319,7 @@ fn add_squares([a, b, c, d, e]: [&[f64]; SIDE], sums: &mut [f64], squares: &mut 
     }
 }
 
-/// Writes shares, and shares of means, from sums of columns.
+/// Writes shares, and shares times means, from sums of columns.
 #[inline(always)]
 fn write_shares(sums: &[f64], squares: &[f64], noise: f64, shares: &mut [f64], drawn: &mut [f64]) {
     let blocks = shares.as_chunks_mut::<BLOCK>().0.iter_mut().zip(drawn.as_chunks_mut::<BLOCK>().0);
@@ -350,12 +352,12 @@ fn write_smoothed(values: &[f64], shares: &[f64], drawn: &[f64], scale: f64, out
     }
 }
 
-/// The quotient of a sum and [`AREA`], correctly rounded, as a division would give it. With divisions
+/// The quotient of a sum and [`AREA`], correctly rounded, as a division would give it. With divisions,
 /// smoothing takes 1.5 times as long.
 ///
-/// The inverse and the sum are split in two. The product of the high parts and that of the low part of the
-/// sum are exact, so the last addition rounds a value that is right to 2^-76 of it. No quotient of 53 bits by
-/// 25 lies as close to the middle of two numbers.
+/// The inverse and the sum are each split in two. The product of the high parts and that of the low part of
+/// the sum are exact, so the last addition rounds a value that is right to 2^-76 of itself. No quotient of 53
+/// bits by 25 lies that close to the middle between two numbers.
 #[inline(always)]
 fn over_area(sum: f64) -> f64 {
     let high = f64::from_bits(sum.to_bits() & HIGH_BITS);
@@ -364,7 +366,7 @@ fn over_area(sum: f64) -> f64 {
     high * INVERSE_HIGH + (low * INVERSE_HIGH + sum * INVERSE_LOW)
 }
 
-/// The means over the columns of the windows that begin with column `start` and the ones after it.
+/// The means over the columns of the windows that begin at column `start` and at the following ones.
 #[inline(always)]
 fn beside(columns: &[f64], start: usize) -> [f64; BLOCK] {
     let c = &columns[start + MARGIN - RADIUS..][..SIDE + BLOCK - 1];

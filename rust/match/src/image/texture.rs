@@ -1,5 +1,5 @@
-//! The gray values of the left image, for the stages that compare them. Their mean difference from one pixel
-//! to the next is the unit of these comparisons, so neither the contrast nor the unit of gray values matters.
+//! The gray values of the left image, for the stages that compare them. The mean difference from one pixel to
+//! the next is the unit of these comparisons, so neither the contrast nor the unit of gray values matters.
 
 use std::borrow::Cow;
 use std::ops::Range;
@@ -46,7 +46,7 @@ impl Roughness {
         Self { sum: self.sum + other.sum, pairs: self.pairs + other.pairs }
     }
 
-    /// The mean difference; 0 where there are no neighbors.
+    /// The mean difference; 0 without neighbors.
     pub fn mean(self) -> f64 {
         self.sum as f64 / self.pairs.max(1) as f64
     }
@@ -73,8 +73,8 @@ impl<'a> Texture<'a> {
         settings.adaptive_p2 > 0.0 || is_compared || settings.needs_confidence()
     }
 
-    /// The texture of a view, if the settings need one; `known` is the roughness of the image that it is a
-    /// part of.
+    /// The texture of a view, if the settings need one; `known` is the roughness of the whole image, if the
+    /// view is a part.
     pub fn of_view(view: &'a View, settings: &Settings, known: Option<Roughness>) -> Option<Self> {
         Self::is_needed(settings).then(|| {
             let gray = view.gray();

@@ -21,7 +21,7 @@ pub struct View {
 }
 
 impl View {
-    /// Gray values of this scale; those of masked pixels become values of valid neighbors.
+    /// Gray values on this scale; masked pixels take the values of valid neighbors.
     pub fn new(mut gray: Plane<i32>, mask: Option<Mask>, scale: GrayScale) -> Self {
         // A mask that is true everywhere would only cost time.
         let mask = mask.filter(|mask| mask.as_slice().contains(&false));
@@ -42,7 +42,7 @@ impl View {
         self.mask.as_ref()
     }
 
-    /// What the gray values stand for.
+    /// The meaning of the gray values.
     pub fn scale(&self) -> GrayScale {
         self.scale
     }
@@ -52,7 +52,7 @@ impl View {
         (self.gray.rows(), self.gray.cols())
     }
 
-    /// Whether the mask, if there is one, calls the pixel valid.
+    /// Whether the pixel is valid by the mask, if there is one.
     pub fn is_valid(&self, y: usize, x: usize) -> bool {
         self.mask.as_ref().is_none_or(|mask| mask.row(y)[x])
     }
@@ -62,8 +62,8 @@ impl View {
         Self::new(self.gray, mask, self.scale)
     }
 
-    /// The view turned by a quarter, counterclockwise. Masked pixels become values of their neighbors along
-    /// the new rows.
+    /// The view turned by 90 degrees counterclockwise. Masked pixels take values of their neighbors along the
+    /// new rows.
     pub fn turned(&self) -> Self {
         Self::new(self.gray.turned(), self.mask.as_ref().map(Plane::turned), self.scale)
     }
@@ -102,7 +102,7 @@ impl View {
         }
     }
 
-    /// The view without impulses of this height and above, in units of the pixels; 0: as it is.
+    /// The view without impulses of at least this height, in units of the pixels; 0: unchanged.
     pub fn repaired(&self, height: f64, level: Level, control: &Control) -> Result<Cow<'_, Self>> {
         if height <= 0.0 {
             return Ok(Cow::Borrowed(self));

@@ -1,14 +1,13 @@
-//! Sums over the square windows around pixels. They slide, so they cost the same whatever the size of the
-//! windows:
+//! Sums over the square windows around pixels. The windows slide, so the cost does not depend on their size:
 //!
 //! ```text
 //! column[y, x] = column[y - 1, x] + value[y + radius, x] - value[y - radius - 1, x]
 //! sum[y, x]    = sum[y, x - 1] + column[y, x + radius] - column[y, x - radius - 1]
 //!
-//! columns = values of the rows of the first window but its last one, added up
+//! columns = sums of the rows of the first window, except its last one
 //! for each row y:
 //!     columns += values[y + radius]
-//!     sum = the columns of the first window but its last one, added up
+//!     sum = the columns of the first window, except its last one, added up
 //!     for each x:
 //!         sum += columns[x + radius]
 //!         sum is that of the window around (y, x)
@@ -16,7 +15,7 @@
 //!     columns -= values[y - radius]
 //! ```
 //!
-//! Values are integers, so that sums have no error, in whatever bands of rows a plane is cut.
+//! Values are integers, so sums are exact, whatever bands of rows a plane is cut into.
 
 use std::ops::{AddAssign, SubAssign};
 
@@ -25,7 +24,7 @@ use crate::base::error::Result;
 use crate::base::plane::{Plane, TASK_ROWS, reflect, zeroed};
 use crate::base::simd::{Level, Loop, whole};
 
-/// Steps of a value of 1 whose mean is taken.
+/// Steps per 1 of values whose mean is taken.
 const STEPS: f32 = (1 << 20) as f32;
 /// Rows of a band of means. The sums of its first window are extra work.
 const BAND: usize = 64;
@@ -37,11 +36,11 @@ pub struct Windows {
     pub size: (usize, usize),
     /// How far a window reaches to either side of its pixel.
     pub radius: usize,
-    /// What windows hold beyond the plane.
+    /// The contents of windows beyond the plane.
     pub beyond: Beyond,
 }
 
-/// What windows hold beyond the plane.
+/// The contents of windows beyond the plane.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Beyond {
     /// Nothing: they end with it.
@@ -56,8 +55,8 @@ impl Windows {
         Self { size, radius, beyond: Beyond::Nothing }
     }
 
-    /// The plane of `result(y, x, sums)` of all pixels; the rest is as of [`Self::write`]. Both functions are
-    /// copied into the loop over pixels, which keeps what they have captured by value in registers.
+    /// The plane of `result(y, x, sums)` at all pixels; the other arguments are as in [`Self::write`]. Both
+    /// functions are copied into the loop over pixels, which keeps values they captured by copy in registers.
     pub fn plane<T, const N: usize, V, R>(
         self,
         values: impl Fn(usize) -> V + Copy + Sync,
@@ -76,8 +75,8 @@ impl Windows {
         })
     }
 
-    /// Writes `result(y, x, sums)` for the pixels of a band of rows that begins with row `first`. `values(y)`
-    /// are the values of a row, one value for each sum at each pixel.
+    /// Writes `result(y, x, sums)` for the pixels of a band that begins at row `first`. `values(y)` are the
+    /// values of a row, one value for each sum at each pixel.
     pub fn write<T, const N: usize, V, R>(
         self,
         (first, band): (usize, &mut [R]),
@@ -95,7 +94,7 @@ impl Windows {
         Ok(())
     }
 
-    /// The pixels of the plane that lie in the window around one.
+    /// The number of pixels of the plane in the window around one.
     #[inline(always)]
     pub fn pixels(self, y: usize, x: usize) -> u32 {
         let reach = |place: usize, length: usize| {
@@ -104,7 +103,7 @@ impl Windows {
         reach(y, self.size.0) * reach(x, self.size.1)
     }
 
-    /// The same of neighbors of a row, from column `first` on; beyond the last column those of the last one.
+    /// The same for neighbors in a row, from column `first` on; beyond the last column, that of the last one.
     #[inline(always)]
     pub fn pixels_along<const N: usize>(self, y: usize, first: usize) -> [u32; N] {
         let mut pixels = [0; N];
@@ -155,7 +154,7 @@ impl Windows {
         slide(&mut sum, cols - right.len(), right);
     }
 
-    /// The place of the plane whose values count at this one, which may lie beyond it.
+    /// The place in the plane whose values count at this one, which may lie beyond it.
     #[inline(always)]
     fn place(self, place: isize, length: usize) -> Option<usize> {
         match usize::try_from(place) {
@@ -175,7 +174,7 @@ fn subtract<T: SubAssign, const N: usize>(sums: &mut [T; N], values: [T; N]) {
     sums.iter_mut().zip(values).for_each(|(sum, value)| *sum -= value);
 }
 
-/// Writes a band of rows that begins with row `first`.
+/// Writes a band that begins at row `first`.
 struct WriteBand<'a, T, R, F, G> {
     windows: Windows,
     first: usize,
@@ -213,7 +212,7 @@ where
             if let Some(values) = row(y as isize + reach) {
                 columns.iter_mut().zip(values).for_each(|(sums, values)| add(sums, values));
             }
-            // Each sum follows from the one before; what becomes of them is computed side by side.
+            // Each sum follows from the one before; their results are computed side by side.
             windows.add_along(columns, sums);
             for (x, (out, sums)) in out.iter_mut().zip(&*sums).enumerate() {
                 *out = result(y, x, *sums);
