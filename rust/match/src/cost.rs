@@ -1,9 +1,9 @@
 //! Two images -> matching costs of each pixel of the left image with each of its candidates.
 //!
-//! Candidates are neighboring lanes. The right image is kept *unrolled*: every row reversed, and clamped at
-//! both ends. The pixels that left column `x` is compared with under the candidates 0, 1, 2, ... are then
-//! neighboring values from place `cols - 1 - x` on. One unaligned load has the pixels of many candidates, for
-//! any column:
+//! Candidates are neighboring lanes. The right image is stored *unrolled*: every row reversed, and clamped at
+//! both ends. The pixels that left column `x` is compared with under candidates 0, 1, 2, ... are then
+//! neighboring values from place `cols - 1 - x` on. For any column, one unaligned load reads the pixels of
+//! many candidates:
 //!
 //! ```text
 //! for x in columns:
@@ -42,7 +42,7 @@ use crate::pair::plan::{Bytes, Demand, Plan, Stage};
 use crate::settings::costs::costs;
 use crate::settings::{CostKind, Settings};
 
-/// A way to compare two pixels: what it reads of them, and how it writes the costs of a row.
+/// A way to compare two pixels: the data it keeps of them, and how it writes the costs of a row.
 pub trait Cost: Sized {
     /// Steps of the cost per unit of the penalties.
     const STEPS: u16;
@@ -53,10 +53,10 @@ pub trait Cost: Sized {
     /// Rows of an image on either side of a pixel that its cost depends on.
     fn reach(plan: Plan) -> usize;
 
-    /// Bytes of each pixel of the images.
+    /// Memory of each pixel of the images.
     fn bytes(demand: &Demand) -> PixelBytes;
 
-    /// The least mean cost of pixels that have nothing to do with each other; `None`: unknown.
+    /// The least mean cost of unrelated pixels; `None`: unknown.
     fn unrelated(_ceiling: u16) -> Option<f64> {
         None
     }
@@ -68,16 +68,16 @@ pub trait Cost: Sized {
     /// undefined.
     fn write<V: Value, const L: usize>(&self, part: RowPart, out: &mut Lines<V, L>);
 
-    /// The cost of a left pixel with the one at a place of the unrolled right image.
+    /// The cost of a left pixel and the one at a place of the unrolled right image.
     fn between(&self, y: usize, x: usize, place: usize) -> u32;
 }
 
-/// A pair that is to be compared: checked views and settings.
+/// A pair to compare: checked views and settings.
 #[derive(Clone, Copy)]
 pub struct CostInput<'a> {
     /// Left and right image.
     pub views: [&'a View; 2],
-    /// The disparities that are searched.
+    /// The disparities to search.
     pub candidates: Candidates,
     /// The settings.
     pub settings: &'a Settings,
@@ -89,21 +89,21 @@ pub struct CostInput<'a> {
     pub control: &'a Control,
 }
 
-/// A row, columns of it, and the candidates that are searched.
+/// A row, some of its columns, and the candidates to search.
 pub type RowPart = (usize, Range<usize>, Searched);
 
-/// Bytes of a pixel that a cost takes.
+/// Bytes that a cost uses for a pixel.
 #[derive(Debug, Clone, Copy)]
 pub struct PixelBytes {
-    /// Of its description, in one image.
+    /// For its description, in one image.
     pub described: usize,
     /// Descriptions of the right image.
     pub versions: usize,
-    /// While one image is described.
+    /// Additional bytes while one image is described.
     pub passing: usize,
 }
 
-/// The matching costs of a pair, computed from descriptions of its pixels when they are asked for.
+/// The matching costs of a pair, computed on demand from descriptions of its pixels.
 pub struct Costs<'a> {
     compared: ComparedBy<'a>,
     candidates: Candidates,
@@ -115,7 +115,7 @@ pub struct Costs<'a> {
     validity: Option<Validity>,
 }
 
-/// Makes of the table of costs the one that the settings name.
+/// Chooses, from the table of costs, the one that the settings name.
 macro_rules! dispatch {
     (
         $dollar:tt
@@ -124,7 +124,7 @@ macro_rules! dispatch {
             $($(#[doc = $meaning:literal])+ $word:literal: $variant:ident in $module:ident,)+
         }
     ) => {
-        /// The descriptions by which the pixels of a pair are compared.
+        /// The descriptions that pixels of a pair are compared by.
         enum ComparedBy<'a> {
             $($variant($module::$variant),)+
             Volume(Volume<'a>),
@@ -209,8 +209,8 @@ impl Stage for Descriptions {
     }
 }
 
-/// Values of neighboring pixels, to be written: of each pixel `L` lanes from `first` on, where it has
-/// `stride` of them.
+/// Values of neighboring pixels, writable: `L` lanes of each pixel from `first` on, out of its `stride`
+/// lanes.
 pub struct Lines<'a, V, const L: usize> {
     /// All lanes of the pixels.
     pub values: &'a mut [V],
@@ -233,7 +233,7 @@ impl<V, const L: usize> Lines<'_, V, L> {
         line(&mut self.values[pixel * self.stride..], self.first)
     }
 
-    /// All lanes of each pixel, and the first of a line: see [`line()`].
+    /// All lanes of each pixel, and the first lane of a line: see [`line()`].
     #[inline(always)]
     pub fn pixels(&mut self) -> (ChunksExactMut<'_, V>, usize) {
         (self.values.chunks_exact_mut(self.stride), self.first)
@@ -247,7 +247,7 @@ impl<V, const L: usize> Lines<'_, V, L> {
     }
 }
 
-/// The line of a pixel that begins with lane `first`. A function, not a closure in an iterator, which might
+/// The line of a pixel that begins with lane `first`. It is a function, since a closure in an iterator might
 /// not be inlined.
 #[inline(always)]
 pub fn line<V, const L: usize>(pixel: &mut [V], first: usize) -> &mut [V; L] {
@@ -255,7 +255,7 @@ pub fn line<V, const L: usize>(pixel: &mut [V], first: usize) -> &mut [V; L] {
 }
 
 impl<'a> Costs<'a> {
-    /// The costs that the settings name, for checked views and settings. Only phase costs take kernels.
+    /// The costs that the settings name, for checked views and settings. Only phase costs accept kernels.
     pub fn new(
         views: [&'a View; 2],
         candidates: Candidates,
@@ -279,7 +279,7 @@ impl<'a> Costs<'a> {
         Ok(Self { compared, candidates, cols, ceiling, steps, unrelated, validity })
     }
 
-    /// Costs of the caller: rows of `columns x candidates`.
+    /// Costs given by the caller: rows of `columns x candidates`.
     pub fn of_volume(volume: &'a Plane<u16>, candidates: Candidates) -> Self {
         let volume = Volume::new(volume, candidates.count());
         Self {
@@ -319,12 +319,12 @@ impl<'a> Costs<'a> {
         Searched::all(self.candidates.count())
     }
 
-    /// Runs of [`LANES`] candidates of a pixel, the last of them padded.
+    /// Runs of [`LANES`] candidates of a pixel, the last one padded.
     pub fn runs(&self) -> usize {
         self.searched().runs()
     }
 
-    /// The codes whose Hamming distances the costs are; `None`: the costs are others, or an image has a mask.
+    /// The codes whose Hamming distances are the costs; `None`: other costs, or an image has a mask.
     pub fn codes(&self) -> Option<PhaseCodes<'_>> {
         match &self.compared {
             ComparedBy::Phase(phase) if !self.has_masks() => Some(phase.codes()),
@@ -342,17 +342,17 @@ impl<'a> Costs<'a> {
         self.validity.as_ref()
     }
 
-    /// The disparities that are searched.
+    /// The disparities to search.
     pub fn candidates(&self) -> Candidates {
         self.candidates
     }
 
-    /// The largest cost there can be.
+    /// The largest possible cost.
     pub fn ceiling(&self) -> u16 {
         self.ceiling
     }
 
-    /// The least mean cost of pixels that have nothing to do with each other; `None`: unknown.
+    /// The least mean cost of unrelated pixels; `None`: unknown.
     pub fn unrelated(&self) -> Option<f64> {
         self.unrelated
     }
@@ -376,7 +376,7 @@ impl<'a> Costs<'a> {
         }
     }
 
-    /// Writes the costs of up to `L` candidates into a line of each pixel, as they are under masks, too.
+    /// Writes the costs of up to `L` candidates into a line of each pixel, ignoring masks.
     #[inline(always)]
     pub fn write_lines<V: Value, const L: usize>(&self, part: RowPart, out: &mut Lines<V, L>) {
         self.compared.write(part, out);
@@ -391,8 +391,8 @@ impl<'a> Costs<'a> {
         }
     }
 
-    /// Writes 1 where a pixel of some columns of row `y` and its candidate are both valid, else 0. Writes
-    /// nothing without masks.
+    /// Writes 1 where a pixel in some columns of row `y` and its candidate are both valid, else 0. Without
+    /// masks it writes nothing.
     #[inline(always)]
     pub fn write_validity<V: Value, const L: usize>(&self, part: RowPart, out: &mut Lines<V, L>) {
         if let Some(validity) = &self.validity {
@@ -400,8 +400,8 @@ impl<'a> Costs<'a> {
         }
     }
 
-    /// The cost of a left pixel with the pixel of any right column; `None` where either is invalid. Disparity
-    /// 0 must be the least candidate: then every right column is unrolled.
+    /// The cost of a left pixel and the pixel of any right column; `None` if either is invalid. Disparity 0
+    /// must be the smallest candidate: then every right column is unrolled.
     pub fn between(&self, y: usize, x: usize, column: usize) -> Option<u32> {
         debug_assert!(self.candidates.min() == 0 && column < self.cols);
         let place = self.cols - 1 - column;

@@ -1,4 +1,4 @@
-//! An image -> phase codes (paper, section 2.1), in words or as the caller stores them ([`RowOfCodes`]).
+//! An image -> phase codes (paper, section 2.1), in words or in the caller's layout ([`RowOfCodes`]).
 
 pub mod basis;
 pub mod quantizer;
@@ -19,12 +19,12 @@ use crate::image::intensity::Gray;
 use crate::pair::blur_compensation::check_noise;
 use crate::settings::Settings;
 
-/// Rows that one task describes; it reads `L - 1` further ones. 16 and 64 are as fast to a few percent.
+/// Rows that one task describes; it reads `L - 1` more. 16 and 64 are as fast to within a few percent.
 const BAND_ROWS: usize = 32;
 
 /// A word that holds the code of one pixel.
 pub trait Code: Copy + Default + Send + Sync + Into<u64> + 'static {
-    /// The low bits of a code; those that are cut off must be zero.
+    /// The low bits of a code; the dropped bits must be zero.
     fn narrowed(code: u64) -> Self;
     /// Hamming distance (paper, eq. 7).
     fn distance(self, other: Self) -> u16;
@@ -69,7 +69,7 @@ impl Codes {
     }
 }
 
-/// The codes of every pixel, component 0 in the lowest bits. `noise` is the standard deviation of the image's
+/// The codes of all pixels, component 0 in the lowest bits. `noise` is the standard deviation of the image's
 /// noise, in units of its pixels; only a weak level needs it.
 pub fn describe(
     gray: &Gray,
@@ -85,8 +85,8 @@ pub fn describe(
     })
 }
 
-/// Codes of one size without a weak level that fit a byte, of tables so coarse that sums of gray values up to
-/// [`basis::ROUGH_REACH`] take the narrow arithmetic.
+/// Codes of one size without a weak level that fit a byte, from tables so coarse that sums of gray values up
+/// to [`basis::ROUGH_REACH`] use the narrow arithmetic.
 pub fn describe_roughly(
     gray: &Gray,
     settings: &Settings,
@@ -98,8 +98,8 @@ pub fn describe_roughly(
     describe_layers(gray, &layers, &packed, gray.size().1, level, control)
 }
 
-/// As [`describe`], in words of the caller's choice, which must be wide enough. Other crates take the functions
-/// above, so that transforms are compiled once.
+/// Like [`describe`], in words of the caller's choice, which must be wide enough. Other crates use the
+/// functions above, so that transforms are compiled once.
 fn describe_as<C: Code>(
     gray: &Gray,
     settings: &Settings,
@@ -113,14 +113,14 @@ fn describe_as<C: Code>(
 
 /// How the codes of a row are stored.
 pub trait RowOfCodes: Sync {
-    /// What a row is made of.
+    /// The element of a row.
     type Item: Clone + Default + Send;
 
     /// Writes a row. Codes have bits 0 to 31 in the first words, the others in the second.
     fn write<W: Word>(&self, words: [&[W]; 2], row: &mut [Self::Item]);
 }
 
-/// As [`describe`], in rows of this many items, written by `rows`.
+/// Like [`describe`], in rows of this many items, written by `rows`.
 pub fn describe_rows<R: RowOfCodes>(
     gray: &Gray,
     settings: &Settings,
@@ -133,7 +133,7 @@ pub fn describe_rows<R: RowOfCodes>(
     describe_layers(gray, &layers(gray, settings, noise)?, rows, width, level, control)
 }
 
-/// The rows of codes of these sizes of neighborhoods.
+/// The rows of codes of these neighborhood sizes.
 fn describe_layers<R: RowOfCodes>(
     gray: &Gray,
     layers: &[Layer],
@@ -144,7 +144,7 @@ fn describe_layers<R: RowOfCodes>(
 ) -> Result<Plane<R::Item>> {
     let job = DescribedImage { gray, layers, rows, level, control };
 
-    // Sums are exact in both arithmetics. The narrow one is twice as fast, if it holds the largest sum.
+    // Sums are exact in both arithmetics. The narrow one is twice as fast, if the largest sum fits.
     let gain = layers.iter().map(|layer| layer.basis.gain()).max().unwrap_or(0);
     let fits = i32::try_from(gain * u64::from(gray.reach())).is_ok();
 
@@ -163,7 +163,7 @@ impl<C: Code> RowOfCodes for Packed<C> {
     }
 }
 
-/// One size of neighborhoods, and its bits of the codes.
+/// One neighborhood size and its bits of the codes.
 struct Layer {
     basis: Basis,
     quantizer: Quantizer,
@@ -174,8 +174,8 @@ struct Layer {
 }
 
 impl Layer {
-    /// A layer whose components have their bits from `first` on; of `axes_alone` only `(1, 0)` and `(0, 1)`
-    /// count.
+    /// A layer whose components have their bits from `first` on; with `axes_alone`, only `(1, 0)` and `(0,
+    /// 1)` count.
     fn new(basis: Basis, quantizer: Quantizer, first: usize, axes_alone: bool) -> Self {
         let length = quantizer.code_length();
         let mut next = first;
@@ -192,7 +192,7 @@ impl Layer {
 
         let counts = components.iter().zip(&bits).filter(|(_, bit)| bit.is_some());
         let frequencies = counts.map(|(component, _)| (component.u, component.v.unsigned_abs()));
-        // Along x frequency after frequency, so that those along y are used again.
+        // Ordered by the frequency along y, then along x, so that results along y are reused.
         let frequencies: BTreeSet<_> = frequencies.map(|(u, v)| (v, u)).collect();
         let frequencies = frequencies.into_iter().map(|(v, u)| (u, v)).collect();
 
@@ -200,8 +200,8 @@ impl Layer {
     }
 }
 
-/// The sizes of neighborhoods that codes describe. Of two the larger one has the lowest bits, so that no
-/// component lies in two halves of a word.
+/// The neighborhood sizes that codes describe. Of two, the larger one has the lowest bits, so that no
+/// component straddles two halves of a word.
 fn layers(gray: &Gray, settings: &Settings, noise: Option<f64>) -> Result<Vec<Layer>> {
     let weak = |settings: &Settings| -> Result<(Basis, Quantizer)> {
         let (basis, quantizer) = (Basis::new(settings), Quantizer::new(settings));
@@ -238,7 +238,7 @@ fn weak_threshold(gray: &Gray, basis: &Basis, weak: f64, noise: Option<f64>) -> 
         || Error::value("noise", "None", "the noise of the images, which noise_threshold is relative to");
     let noise = check_noise(noise.ok_or_else(missing)?)?;
 
-    // Beyond any component a larger threshold makes no difference; its square must be finite.
+    // A threshold beyond any component makes no difference; its square must be finite.
     let beyond_any = (1u64 << 53) as f64;
     Ok((weak * basis.deviation() * gray.steps(noise)).round().min(beyond_any))
 }
@@ -252,7 +252,7 @@ struct DescribedImage<'a, R> {
     control: &'a Control,
 }
 
-/// What a thread describes in, band after band.
+/// The buffers of a thread, reused from band to band.
 struct DescriptionBuffers<T: Lane> {
     /// The transform of each layer.
     spectra: Vec<Spectrum<T>>,
@@ -295,13 +295,13 @@ impl<R: RowOfCodes> DescribedImage<'_, R> {
         })
     }
 
-    /// How the pixels lie: with as many around them as the largest neighborhood has.
+    /// The layout of the pixels, with the margin that the largest neighborhood needs.
     fn layout(&self) -> Layout {
         let margin = self.layers.iter().map(|layer| layer.basis.radius()).max();
         Layout { cols: self.gray.size().1, margin: margin.unwrap_or(0) }
     }
 
-    /// Writes a group of rows, from row `y` on of the band whose pixels the buffers hold.
+    /// Writes a group of rows, from row `y` on of the band whose pixels are in the buffers.
     fn write_rows<'r, T: Lane>(
         &self,
         y: usize,
@@ -351,8 +351,8 @@ impl<R: RowOfCodes> DescribedImage<'_, R> {
     }
 }
 
-/// Rows of pixels and their surroundings -> the bits of one size of neighborhoods: bits 0 to 31 of the codes
-/// in the first words, the others in the second.
+/// Rows of pixels and their surroundings -> the bits of one neighborhood size: bits 0 to 31 of the codes in
+/// the first words, the others in the second.
 #[leveled]
 fn transform_rows<T: Lane>(
     level: Level,
@@ -381,8 +381,8 @@ fn store_row<R: RowOfCodes, W: Word>(level: Level, rows: &R, words: [&[W]; 2], r
     rows.write(words, row);
 }
 
-/// Joins the two halves of the codes. Outputs and inputs are arguments of their own, so that the vectorizer
-/// knows that they do not overlap.
+/// Joins the two halves of the codes. Outputs and inputs are separate arguments, so that the vectorizer sees
+/// that they do not overlap.
 #[inline(always)]
 fn narrow<W: Word, C: Code>(low: &[W], high: &[W], codes: &mut [C]) {
     let n = codes.len();

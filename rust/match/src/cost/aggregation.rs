@@ -1,7 +1,7 @@
-//! Costs -> sums over a window; of shiftable windows the least of five sums (paper, section 2.3).
+//! Costs -> sums over a window; for shiftable windows, the smallest of five sums (paper, section 2.3).
 //!
-//! A block of columns is worked through from the top down, all candidates of a pixel in neighboring lanes.
-//! The sums of each column over the rows of the window are updated from row to row, those over its columns
+//! A block of columns is processed from top to bottom, with all candidates of a pixel in neighboring lanes.
+//! The sum of each column over the rows of the window is updated from row to row, the sum over its columns
 //! from pixel to pixel:
 //!
 //! ```text
@@ -13,21 +13,20 @@
 //!             aggregated[y][x][k] = sum[k]
 //! ```
 //!
-//! A line of candidates fills a line of the cache: 64 bytes, or 32 wider integers. Line by line the ring
-//! stays in the first-level cache, however many candidates there are, and every loop goes through arrays of
-//! one length.
+//! A line of candidates fills a cache line: 64 bytes, or 32 wider integers. Line by line, the ring stays in
+//! the first-level cache for any number of candidates, and all loops run over arrays of one length.
 //!
-//! Beyond the image its edge rows and columns are repeated. A shiftable window takes the least of the sums at
-//! five places, so a ring of rows of sums is kept as well. Under masks the valid pixels of each window are
-//! counted by the same sums, and the mean of their costs stands for the whole window:
+//! Beyond the image, its edge rows and columns are repeated. A shiftable window takes the smallest of the
+//! sums at five places, so a ring of rows of sums is kept as well. Under masks, the same sums count the valid
+//! pixels of each window, and the mean of their costs represents the whole window:
 //!
 //! ```text
 //! aggregated[y][x][k] = sum[k] area / count[k], rounded, halves up
 //! ```
 //!
-//! Most masks are borders. Of most columns of a block, each line of candidates is valid throughout, or not at
-//! all; only the windows between need counts. Elsewhere they would be the area, and the mean times the area
-//! the sum itself, or 0, and the sum the largest there is.
+//! Most masks are borders. In most columns of a block, each line of candidates is either all valid or all
+//! invalid; only the windows in between need counts. Elsewhere the count is the area, and the scaled sum is
+//! the sum itself; or the count is 0, and it is the largest possible one.
 
 use std::ops::Range;
 
@@ -59,7 +58,7 @@ pub struct Window {
     pub side: usize,
     /// Whether the least of five sums counts.
     pub shiftable: bool,
-    /// The largest cost of one pixel: what each place of a window without a valid pixel costs.
+    /// The largest cost of one pixel: the cost of each place in a window without a valid pixel.
     pub ceiling: u16,
     /// Lowest bits that are dropped from the sum of each column of a window.
     pub dropped: u32,
@@ -75,7 +74,7 @@ impl Stage for Aggregation {
 }
 
 impl Window {
-    /// The window of checked settings over the costs of a pair.
+    /// The window that checked settings define over the costs of a pair.
     pub fn new((rows, cols): (usize, usize), candidates: usize, settings: &Settings, ceiling: u16) -> Self {
         let Settings { window: side, shiftable, .. } = *settings;
         let exact = Self { rows, cols, candidates, side, shiftable, ceiling, dropped: 0 };
@@ -86,10 +85,10 @@ impl Window {
         }
     }
 
-    /// The window with sums that a byte holds: the fewest bits are dropped with which the largest sum is at
-    /// most [`LARGEST_BYTE_SUM`]. P2 is in units of the cost, which has `steps` steps to the unit. Where the
-    /// largest sum and P2 together do not fit a byte but would with one bit less, that bit is dropped, too,
-    /// unless the largest sum would fall below [`LEAST_BYTE_SUM`]. So the rounding of costs depends on P2.
+    /// The window with sums that fit a byte: it drops the fewest bits for which the largest sum is at most
+    /// [`LARGEST_BYTE_SUM`]. P2 is in units of the cost, which has `steps` steps to the unit. If the largest
+    /// sum and P2 together do not fit a byte but would with one bit less, that bit is dropped, too, unless
+    /// the largest sum would fall below [`LEAST_BYTE_SUM`]. So the rounding of costs depends on P2.
     pub fn rounded_to_bytes(self, p2: f64, steps: u16) -> Self {
         let coarser = |dropped| Self { dropped, ..self };
         let is_small = |bits: &u32| coarser(*bits).largest_sum() <= LARGEST_BYTE_SUM;
@@ -125,7 +124,7 @@ impl Window {
         (self.side * self.side) as u32
     }
 
-    /// One unit of the mean cost in steps of the sums, where a cost has `steps` steps to the unit.
+    /// One unit of the mean cost in steps of the sums; a cost has `steps` steps to the unit.
     pub fn unit(&self, steps: u16) -> f64 {
         f64::from(self.area()) * f64::from(steps) / f64::from(1u32 << self.dropped)
     }
@@ -146,21 +145,21 @@ impl Window {
         self.largest_column().max(self.largest_sum()).max(support)
     }
 
-    /// Replaces sums by those over the whole window, from the numbers of valid pixels in it; without any, by
-    /// the largest there is.
+    /// Scales sums to the whole window, by the numbers of valid pixels in it; without any, they become the
+    /// largest possible.
     #[inline(always)]
     fn scale<V: Value, const L: usize>(&self, counts: &[V; L], sums: &mut [V; L]) {
         let area = f64::from(self.area());
         let largest = self.largest_sum() as f64;
-        // The mean rounded, halves up: fractions are multiples of 1 / count, so the next ones below a half
-        // stay below it.
+        // The mean, rounded half up: fractions are multiples of 1 / count, so those just below a half stay
+        // below it.
         let tie = 0.25 / area;
 
-        // The loops have no closures, which might not be inlined, and so not be compiled for the level. Bits
+        // The loops have no closures: these might not be inlined, and so not be compiled for the level. Bits
         // are dropped from the sum of each column, so the mean of a few may exceed the largest sum; without
         // valid pixels it is NaN, which is not less than that.
         if largest * area < f64::from(1 << 20) {
-            // Registers have more lanes of single precision, whose roundings are less than `tie` here.
+            // Registers have more lanes of single precision, whose rounding errors are less than `tie` here.
             let (area, largest, tie) = (area as f32, largest as f32, tie as f32);
             for (sum, count) in sums.iter_mut().zip(counts) {
                 let mean = sum.widened() as i32 as f32 * area / count.widened() as i32 as f32;
@@ -177,20 +176,20 @@ impl Window {
     }
 }
 
-/// The nearest integer of a number from 0 to `2^22`, as [`nearest`] finds it in double precision.
+/// The nearest integer to a number from 0 to `2^22`, as [`nearest`] computes it in double precision.
 #[inline(always)]
 fn nearest_below_2_22(value: f32) -> u32 {
     (value + 1.5 * (1u32 << 23) as f32).to_bits() & ((1 << 22) - 1)
 }
 
-/// Places left free after each row of a strip: rows of a power of two of bytes share few sets of the
+/// Places left free after each row of a strip: rows of a power-of-two number of bytes share few sets of the
 /// first-level cache.
 pub const GAP: usize = 1;
 
 /// Pixels whose costs are aggregated together.
 ///
 /// Their values lie in strips of columns, and in each strip row by row: see [`Self::place`]. Strips lie one
-/// after another, or in a ring, in which the last ones of one block may be the first ones of the next.
+/// after another, or in a ring, where the last ones of one block may be the first ones of the next.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct PixelBlock {
     /// Rows of the images.
@@ -199,7 +198,7 @@ pub struct PixelBlock {
     pub columns: Range<usize>,
     /// Columns of a strip.
     pub strip: usize,
-    /// Strips that the ring has places for ...
+    /// Strips that fit in the ring ...
     ring: usize,
     /// ... and the place of the first strip among them.
     first: usize,
@@ -224,7 +223,7 @@ impl PixelBlock {
         block.in_ring(self.ring, self.first + strips)
     }
 
-    /// Places for pixels: the last strip is as long as the others, however many columns it has.
+    /// Places for pixels: the last strip is as long as the others, whatever its number of columns.
     pub fn places(&self) -> usize {
         self.ring * self.rows.len() * self.stride()
     }
@@ -267,19 +266,19 @@ pub struct Aggregator<V> {
 struct WindowedCosts<V> {
     /// Sums of the costs.
     costs: BoxSums<V>,
-    /// What is valid around the block, unless all is ...
+    /// The validity around the block, unless all is valid ...
     around: Option<BlockValidity>,
-    /// ... and the columns there in which not all candidates of the line are.
+    /// ... and the columns there in which some candidates of the line are invalid.
     masked: Vec<Range<usize>>,
-    /// Stretches of columns whose windows are alike, from left to right ...
+    /// Stretches of columns with uniform windows, from left to right ...
     stretches: Vec<Stretch>,
-    /// ... and the numbers of valid pixels of those with some invalid ones.
+    /// ... and the numbers of valid pixels for those with some invalid ones.
     validity: Vec<BoxSums<V>>,
     /// Numbers of valid pixels in the windows of a row.
     counts: Memory<V>,
 }
 
-/// Columns whose windows have valid pixels alike.
+/// Columns whose windows are all valid, all invalid, or mixed.
 #[derive(Debug)]
 struct Stretch {
     extent: Extent,
@@ -306,7 +305,7 @@ impl<V: Value> Aggregator<V> {
         let (values, stride) = (out.as_flattened_mut(), searched.runs() * LANES);
         let mut first = 0;
         while first < stride {
-            // A line of the cache is two runs of bytes, or one of wider integers.
+            // A cache line holds two runs of bytes, or one of wider integers.
             let is_wide = size_of::<V>() == 1 && stride - first > LANES;
             let lanes = if is_wide { 2 * LANES } else { LANES };
             let part = searched.part(first, lanes);
@@ -338,7 +337,7 @@ impl<V: Value> WindowedCosts<V> {
 
         self.find_stretches(window, columns, line.0);
 
-        // Windows are counted where they are, and the shifted ones take the sums.
+        // Counts are those of the centered windows, and shifted ones take the sums.
         let counted = Window { dropped: 0, shiftable: false, ..window };
         let mut longest = 0;
         for (index, Stretch { columns, .. }) in mixed(&self.stretches).enumerate() {
@@ -351,7 +350,7 @@ impl<V: Value> WindowedCosts<V> {
         self.counts.resize(longest * line.1)
     }
 
-    /// Parts the columns that windows of a block may be centered on by what is valid in these windows.
+    /// Splits the columns that windows of a block may be centered on, by the validity of these windows.
     fn find_stretches(&mut self, window: Window, columns: &Range<usize>, searched: Searched) {
         let Self { around, masked, stretches, .. } = self;
         let extent = |columns: &Range<usize>| {
@@ -372,7 +371,7 @@ impl<V: Value> WindowedCosts<V> {
             let extent = extent(&widened(&(x..x + 1), window.radius(), window.cols));
             match &mut stretches[..] {
                 [.., last] if last.extent == extent => last.columns.end = x + 1,
-                // Two stretches to be counted with little between them are one.
+                // Two counted stretches with little between them become one.
                 [.., before, between]
                     if (before.extent, extent) == (Extent::Part, Extent::Part)
                         && between.columns.len() <= window.side =>
@@ -394,8 +393,7 @@ impl<V: Value> WindowedCosts<V> {
         }
     }
 
-    /// Writes the sums over the windows of some columns of the row, scaled to the valid pixels where there
-    /// are others.
+    /// Writes the sums over the windows of some columns of the row, scaled where some pixels are invalid.
     #[inline(always)]
     fn write_row<const L: usize>(&mut self, columns: Range<usize>, out: &mut Lines<V, L>) {
         let Self { costs, validity, stretches, counts, .. } = self;
@@ -432,7 +430,7 @@ fn mixed(stretches: &[Stretch]) -> impl Iterator<Item = &Stretch> {
     stretches.iter().filter(|stretch| stretch.extent == Extent::Part)
 }
 
-/// A range of rows or columns with `by` more on either side, as far as there are any below `end`.
+/// A range of rows or columns with `by` more on either side, limited to 0 and `end`.
 fn widened(range: &Range<usize>, by: usize, end: usize) -> Range<usize> {
     range.start.saturating_sub(by)..(range.end + by).min(end)
 }
@@ -463,8 +461,8 @@ impl<V: Value, const L: usize> Aggregate<'_, V, L> {
         }
     }
 
-    /// Writes the least sum of the five windows of each pixel. Each row's sums stay in the ring as long as a
-    /// window is shifted to them.
+    /// Writes the smallest sum of the five windows of each pixel. Each row's sums stay in the ring as long as
+    /// some window is shifted to them.
     #[inline(always)]
     fn shifted(self) {
         let Self { aggregator: Aggregator { windows, boxes }, costs, window, block, mut out } = self;
@@ -497,8 +495,8 @@ impl<V: Value, const L: usize> Aggregate<'_, V, L> {
     }
 }
 
-/// Writes the least of the sums at five places for some columns: here, above, below, left and right. The rows
-/// of sums begin with column `first`.
+/// Writes the smallest of the sums at five places for some columns: here, above, below, left and right. The
+/// rows of sums begin at column `first`.
 #[inline(always)]
 fn write_least<V: Value, const L: usize>(
     [here, above, below]: [&[[V; L]]; 3],
@@ -527,7 +525,7 @@ impl<V: Value, const L: usize> Loop for Aggregate<'_, V, L> {
     }
 }
 
-/// Pads lines with [`Value::FAR`] beyond the last candidate, which never wins.
+/// Pads lines with [`Value::FAR`], which never wins, beyond the last candidate.
 #[inline(always)]
 fn pad<V: Value, const L: usize>(out: &mut Lines<V, L>, searched: Searched) {
     if searched.count < L {
@@ -542,8 +540,8 @@ fn pad<V: Value, const L: usize>(out: &mut Lines<V, L>, searched: Searched) {
     }
 }
 
-/// The summands of windows: costs, 0 where they are invalid in the columns that are `masked`; or 1 where they
-/// are valid.
+/// The summands of windows: costs, which are 0 where invalid in the `masked` columns; or 1 where they are
+/// valid.
 #[derive(Debug, Clone, Copy)]
 enum Summed<'a> {
     Costs { masked: &'a [Range<usize>] },
@@ -584,7 +582,7 @@ struct BoxSums<V> {
     beyond: usize,
     /// The row on which the window is centered.
     center: Option<usize>,
-    /// Costs of the rows of the window and of the one that has just left it: a ring.
+    /// Costs of the rows of the window and of the one that has just left it, in a ring.
     rows: Memory<V>,
     /// Their sums over the rows of the window, for each column. Beyond the image its edge columns are
     /// repeated, so the halo is complete.
@@ -617,13 +615,13 @@ impl<V: Value> BoxSums<V> {
         let (radius, side) = (window.radius(), window.side);
         let width = around.len() * L;
         let last = window.rows - 1;
-        // Places count rows from `radius` rows above the image on; beyond the image its edge is repeated.
+        // Places count rows from `radius` rows above the image; beyond the image its edge is repeated.
         let slot = |place: usize| place % (side + 1) * width;
         let row = |place: usize| place.saturating_sub(radius).min(last);
 
         let mut entering = y + 2 * radius..y + 2 * radius + 1;
         if center.replace(y).is_none() {
-            // Before the first row the window is empty, and all of its rows enter.
+            // Before the first row the window is empty, and all its rows enter.
             entering.start = y;
             rows.fill(V::default());
             columns.fill(V::default());
@@ -637,7 +635,7 @@ impl<V: Value> BoxSums<V> {
             let entered = &rows[slot(place)..][..width];
             let left = &rows[slot(place + 1)..][..width];
             for ((sum, new), old) in sums.iter_mut().zip(entered).zip(left) {
-                // Subtracts first, so that no sum exceeds the largest one of a window.
+                // Subtracts first, so that no sum exceeds the largest of a window.
                 *sum = sum.minus(*old).plus(*new);
             }
         }
@@ -654,7 +652,7 @@ impl<V: Value> BoxSums<V> {
     fn write_row<const L: usize>(&self, columns: Range<usize>, out: &mut Lines<V, L>) {
         let (sums, side) = (self.first_window(&columns), self.window.side);
 
-        // Usual numbers as constants: bytes can only be shifted by constants in one instruction.
+        // Common numbers as constants: bytes can be shifted in one instruction only by constants.
         match (self.window.dropped, size_of::<V>()) {
             (0, _) => sum_windows(sums, side, 0, out),
             (1, 1) => sum_windows(sums, side, 1, out),
@@ -664,14 +662,14 @@ impl<V: Value> BoxSums<V> {
         }
     }
 
-    /// As [`Self::write_row`], of counts, which drop no bits.
+    /// Like [`Self::write_row`], for counts, which drop no bits.
     #[inline(always)]
     fn write_counts<const L: usize>(&self, columns: Range<usize>, out: &mut Lines<V, L>) {
         sum_windows(self.first_window(&columns), self.window.side, 0, out);
     }
 
-    /// The sums of columns from the first window on: it begins `radius` columns left of its center, which may
-    /// be beyond the image.
+    /// The sums of columns from the first window on: it begins `radius` columns left of its center, possibly
+    /// beyond the image.
     #[inline(always)]
     fn first_window<const L: usize>(&self, columns: &Range<usize>) -> &[[V; L]] {
         let first = columns.start + self.beyond - self.window.radius() - self.around.start;

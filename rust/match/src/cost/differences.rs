@@ -1,4 +1,4 @@
-//! Absolute differences of gray levels, or of what was made of them.
+//! Absolute differences of gray levels, or of values derived from them.
 
 use crate::base::error::Result;
 use crate::base::plane::Plane;
@@ -29,7 +29,7 @@ impl Differences {
         }
     }
 
-    /// The cost of a left pixel with the one at a place of the unrolled right image.
+    /// The cost of a left pixel and the one at a place of the unrolled right image.
     pub fn between(&self, y: usize, x: usize, place: usize) -> u32 {
         self.left.row(y)[x].abs_diff(self.right.row(y)[place]).into()
     }

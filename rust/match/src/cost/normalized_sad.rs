@@ -1,4 +1,4 @@
-//! Absolute differences of local contrast: each pixel less the mean of the window around it, over its
+//! Absolute differences of local contrast: each pixel minus the mean of the window around it, divided by the
 //! standard deviation there (normalized SAD, a baseline of the paper's section 3).
 
 use crate::base::control::Control;
@@ -58,8 +58,8 @@ impl Cost for NormalizedSad {
 
 /// Normalizes a plane over `window x window` pixels, continued by reflection.
 ///
-/// One gray level of deviation is added in quadrature, so that flat areas do not turn noise into signal.
-/// The one division and square root per pixel are those of IEEE 754, alike on every machine.
+/// One gray level of deviation is added in quadrature, so that flat areas do not turn noise into signal. The
+/// one division and square root per pixel are those of IEEE 754, identical on every machine.
 pub fn normalize(plane: &Plane<u16>, window: usize, level: Level, control: &Control) -> Result<Plane<u16>> {
     let size = (plane.rows(), plane.cols());
     let windows = Windows { size, radius: window / 2, beyond: Beyond::Reflection };
@@ -68,8 +68,8 @@ pub fn normalize(plane: &Plane<u16>, window: usize, level: Level, control: &Cont
 
     let largest = f64::from(LARGEST_DEVIATION);
 
-    // Of sums of values and of their squares everything is multiplied by the number of pixels, so that only
-    // the quotient is rounded.
+    // Sums of values and of their squares are multiplied by the number of pixels, so that only the quotient
+    // is rounded.
     let moments = |y: usize| plane.row(y).iter().map(|value| i64::from(*value)).map(|v| [v, v * v]);
     let normalized = |y: usize, x: usize, [sum, squares]: [i64; 2]| {
         let variance = count * squares - sum * sum + one_gray_level;

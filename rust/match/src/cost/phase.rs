@@ -1,7 +1,7 @@
-//! The Hamming distance of phase codes (paper, eq. 7; by Johnson codes also eq. 6 for any `b`).
+//! The Hamming distance of phase codes (paper, eq. 7; with Johnson codes also eq. 6 for any `b`).
 //!
-//! Codes are kept as bytes: a row has the lowest byte of all its codes, then the next byte of all. One load
-//! of each byte then has whole runs of candidates, and codes of any length take no more bytes than they need.
+//! Codes are stored as bytes: a row has the lowest byte of all its codes, then the next byte of all. One load
+//! of a byte then covers whole runs of candidates, and codes of any length take only the bytes they need.
 
 use std::ops::Range;
 
@@ -28,9 +28,9 @@ const GRAY_BYTES: usize = 16;
 
 /// The phase codes of a pair, by their bytes.
 ///
-/// Under blur compensation with kernels, the right image has several versions, each described and unrolled by
-/// itself; `labels` say which of them each left pixel is compared with. The left codes are already those of
-/// that version.
+/// Under blur compensation with kernels, the right image has several versions, each described and unrolled
+/// separately; `labels` choose the version for each left pixel. The left codes already belong to that
+/// version.
 pub struct Phase {
     left: BytePlanes,
     rights: Vec<BytePlanes>,
@@ -40,9 +40,9 @@ pub struct Phase {
 /// The phase codes of a pair.
 #[derive(Debug, Clone)]
 pub struct PhaseCodes<'a> {
-    /// The left codes: each row has the lowest byte of all of its codes, then the next one of all, and so on.
+    /// The left codes: each row has the lowest byte of all its codes, then the next one of all, and so on.
     pub left: &'a Plane<u8>,
-    /// The codes of each version of the right image, likewise, each row unrolled: [`crate::cost`].
+    /// The codes of each version of the right image in the same layout, each row unrolled: [`crate::cost`].
     pub rights: Vec<&'a Plane<u8>>,
     /// The version that each left pixel is compared with; `None`: the first one.
     pub labels: Option<&'a Labels>,
@@ -50,7 +50,7 @@ pub struct PhaseCodes<'a> {
     pub bytes: usize,
 }
 
-/// The bytes of codes: each row has the lowest byte of all of its codes, then the next one of all, and so on.
+/// The bytes of codes: each row has the lowest byte of all its codes, then the next one of all, and so on.
 struct BytePlanes {
     plane: Plane<u8>,
     /// Codes of a row.
@@ -77,14 +77,14 @@ impl Cost for Phase {
     fn bytes(demand: &Demand) -> PixelBytes {
         let Plan { settings, compensation, .. } = demand.plan;
         let bytes = settings.code_length().div_ceil(8);
-        // The right image is described once as it is, and at most once more for each kernel.
+        // The right image is described once unchanged, and at most once more for each kernel.
         let versions = 1 + compensation.map_or(0, |all| all.every_kernel().count());
-        // Of the left image, the codes of one version are kept beside those of another.
+        // For the left image, the codes of one version are kept beside those of another.
         PixelBytes { described: bytes, versions, passing: bytes + GRAY_BYTES }
     }
 
     fn unrelated(ceiling: u16) -> Option<f64> {
-        // Random codes differ in half of their bits, those with a weak level in fewer.
+        // Random codes differ in half of their bits; those with a weak level differ in fewer.
         Some(f64::from(ceiling) / 3.0)
     }
 
@@ -126,7 +126,7 @@ impl Cost for Phase {
             let ((kernels, labels), gray) = (compensation.of_side(1, (rows, cols))?, gray(1)?);
             let rights = kernels.iter().map(|kernel| codes(&gray, 1, *kernel));
             let rights = rights.collect::<Result<Vec<_>>>()?;
-            // With a single version there is nothing to look up.
+            // With a single version no lookup is needed.
             let labels = (rights.len() > 1).then_some(labels);
             Ok((rights, labels))
         };
@@ -161,7 +161,7 @@ impl Cost for Phase {
     }
 }
 
-/// The Hamming distances of known codes of one byte.
+/// The Hamming distances of given one-byte codes.
 pub struct ByteDistances {
     codes: Phase,
     candidates: Candidates,
@@ -176,12 +176,12 @@ impl ByteDistances {
         Ok(Self { codes, candidates })
     }
 
-    /// The disparities that are searched.
+    /// The disparities to search.
     pub fn candidates(&self) -> Candidates {
         self.candidates
     }
 
-    /// Runs of [`LANES`] candidates of a pixel, the last of them padded.
+    /// Runs of [`LANES`] candidates of a pixel, the last one padded.
     pub fn runs(&self) -> usize {
         Searched::all(self.candidates.count()).runs()
     }
@@ -209,8 +209,8 @@ impl Phase {
         PhaseCodes { left: &self.left.plane, rights, labels, bytes: self.left.count }
     }
 
-    /// Writes the Hamming distances over `N` bytes of the codes, from byte `first` on; `adds`: to what is
-    /// there.
+    /// Writes the Hamming distances over `N` bytes of the codes, from byte `first` on; `adds`: to the
+    /// existing values.
     #[inline(always)]
     fn write_distances<V: Value, const N: usize, const L: usize>(
         &self,
@@ -223,7 +223,7 @@ impl Phase {
             return self.write_stretch::<V, N, L>((0, first, adds), block, out);
         };
 
-        // Most neighbors have the same label, so are compared with the same version of the right image.
+        // Most neighbors have the same label, and are compared with the same version of the right image.
         let mut start = 0;
         for stretch in labels.row(y)[columns.clone()].chunk_by(|label, next| label == next) {
             let version = usize::from(stretch[0]);
@@ -234,7 +234,7 @@ impl Phase {
         }
     }
 
-    /// As [`Self::write_distances`], for columns that are compared with one version of the right image.
+    /// [`Self::write_distances`] for columns that are compared with one version of the right image.
     #[inline(always)]
     fn write_stretch<V: Value, const N: usize, const L: usize>(
         &self,
@@ -287,7 +287,7 @@ impl BytePlanes {
 /// Stores codes as [`BytePlanes`].
 struct ByteRows {
     width: usize,
-    /// The layout of unrolled rows of the right image; `None`: rows of the left one stay as they are.
+    /// The layout of unrolled rows of the right image; `None`: rows of the left image, as they are.
     unrolled: Option<Unrolled>,
 }
 
@@ -334,8 +334,8 @@ fn write_bytes<W: Word>(words: &[W], byte: impl Fn(W) -> u8, row: &mut [u8]) {
     }
 }
 
-/// Writes the Hamming distances over `N` bytes, of pixels and their candidates, or adds them to what is
-/// there.
+/// Writes the Hamming distances over `N` bytes between pixels and their candidates, or adds them to the
+/// existing values.
 #[inline(always)]
 fn compare<V: Value, const N: usize, const L: usize>(
     lefts: [&[u8]; N],

@@ -16,7 +16,7 @@ pub struct Unrolled {
     pub width: usize,
     /// First places, which lie right of the image ...
     beyond: usize,
-    /// ... and the columns, from the first one on, that the next places show. The others lie left of it.
+    /// ... and the columns, from the first one on, at the next places. The others lie left of it.
     seen: usize,
 }
 
@@ -33,7 +33,7 @@ impl Unrolled {
         Self { width, beyond, seen }
     }
 
-    /// Writes an unrolled row of the values of pixels.
+    /// Writes the unrolled row of pixel values.
     #[inline(always)]
     pub fn write<T: Copy, U: Clone>(&self, pixels: &[T], value: impl Fn(T) -> U, row: &mut [U]) {
         let (right, rest) = row.split_at_mut(self.beyond);
@@ -45,7 +45,7 @@ impl Unrolled {
     }
 }
 
-/// A right image unrolled.
+/// An unrolled right image.
 #[derive(Debug)]
 pub struct UnrolledPlane<T> {
     plane: Plane<T>,
@@ -54,7 +54,7 @@ pub struct UnrolledPlane<T> {
 }
 
 impl<T: Clone + Default + Send> UnrolledPlane<T> {
-    /// Unrolls the values of the pixels of a plane.
+    /// Unrolls the pixel values of a plane.
     pub fn new<P: Copy + Sync>(
         plane: &Plane<P>,
         candidates: Candidates,

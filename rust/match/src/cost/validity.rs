@@ -1,4 +1,4 @@
-//! Which pairs of a pixel and a candidate count: those whose pixels are valid in both images.
+//! The valid pairs of a pixel and a candidate: both pixels must be valid.
 
 use std::ops::Range;
 
@@ -10,7 +10,7 @@ use crate::cost::{Lines, RowPart};
 use crate::image::view::{Mask, View};
 use crate::pair::candidates::{Candidates, Searched};
 
-/// The valid pairs of two images of which at least one is masked: 1 where a pixel is valid, else 0.
+/// The valid pairs of two images, at least one of which is masked: 1 where a pixel is valid, else 0.
 #[derive(Debug)]
 pub struct Validity {
     left: Plane<u8>,
@@ -77,8 +77,8 @@ impl Validity {
     }
 }
 
-/// 1 for the candidates of a pixel that are valid as it is, else 0: in registers, as what is written may not
-/// overlap it.
+/// 1 for the candidates that are valid together with their pixel, else 0: computed in registers, since the
+/// output may not overlap the inputs.
 #[inline(always)]
 fn both_valid<const L: usize>(left: u8, right: &[u8; L]) -> [u8; L] {
     let mut both = *right;
@@ -100,23 +100,23 @@ fn mark_valid<V: Value, const L: usize>(left: u8, right: &[u8; L], out: &mut [V;
 fn mask_out<V: Value, const L: usize>(left: u8, right: &[u8; L], out: &mut [V; L]) {
     let both = both_valid(left, right);
     for j in 0..L {
-        // All bits or none: the compiler makes choices lane by lane.
+        // All bits or none: the compiler handles a choice lane by lane.
         out[j] = V::truncated(out[j].widened() & u64::from(both[j]).wrapping_neg());
     }
 }
 
-/// How much of some pairs is valid.
+/// How much of a set of pairs is valid.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Extent {
     /// All of it.
     All,
-    /// Some of it; or none, though there are valid pixels in both images.
+    /// Some of it; or none, though both images have valid pixels.
     Part,
     /// Nothing: all pixels of an image are masked.
     Nothing,
 }
 
-/// What is valid in the rows of a block.
+/// The validity of the rows of a block.
 #[derive(Debug)]
 pub struct BlockValidity {
     left: Census,
@@ -126,7 +126,7 @@ pub struct BlockValidity {
 }
 
 impl BlockValidity {
-    /// Looks at some rows and columns, and at what these meet under the searched candidates. `None`: all is
+    /// Covers some rows and columns, and the places these meet under the searched candidates. `None`: all is
     /// valid.
     pub fn new(
         validity: &Validity,
@@ -163,7 +163,7 @@ fn places(origin: usize, columns: &Range<usize>, searched: Searched) -> Range<us
     first + 1 - columns.end..first + searched.count - columns.start
 }
 
-/// Of some neighboring columns, how many have a masked pixel, and how many a valid one.
+/// Counts, among neighboring columns, those with a masked pixel, and those with a valid one.
 #[derive(Debug)]
 struct Census {
     first: usize,
@@ -199,7 +199,7 @@ impl Census {
     }
 }
 
-/// The sum of all numbers before each one, and that of all.
+/// The sum of the numbers before each one, and of all.
 fn sums_before(numbers: impl Iterator<Item = u8>) -> Vec<u32> {
     let sums = numbers.scan(0, |sum, number| {
         *sum += u32::from(number);

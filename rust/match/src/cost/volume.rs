@@ -1,4 +1,4 @@
-//! Costs of the caller.
+//! Costs given by the caller.
 
 use crate::base::plane::Plane;
 use crate::base::value::Value;
@@ -32,8 +32,7 @@ impl<'a> Volume<'a> {
         }
     }
 
-    /// The cost of a left pixel with the one at a place of an unrolled right image; `None`: it is not a
-    /// candidate.
+    /// The cost of a left pixel and the one at a place of an unrolled right image; `None`: not a candidate.
     pub fn between(&self, y: usize, x: usize, place: usize) -> Option<u32> {
         let column = self.cols() - 1 - place;
         let candidate = x.checked_sub(column).filter(|candidate| *candidate < self.candidates)?;

@@ -2,14 +2,14 @@
 //! contrast.
 //!
 //! ```text
-//! covariance(x, k) = n sum(left right) - sum(left) sum(right)          # over the n pixels of both neighborhoods
-//! spread           = sqrt(n sum(value^2) - sum(value)^2 + (n level)^2) # of one neighborhood; level: one gray level
+//! covariance(x, k) = n sum(left right) - sum(left) sum(right)         # over n pixels of both neighborhoods
+//! spread           = sqrt(n sum(value^2) - sum(value)^2 + (n level)^2)  # of one; level: one gray level
 //! cost(x, k)       = 1 - covariance / (spread(left) spread(right))
 //! ```
 //!
 //! As in normalized SAD, one gray level of deviation is added in quadrature, so that noise in flat areas does
 //! not correlate. Images continue beyond their edges by repeating them. The sums are integers that double
-//! precision holds, so they have no error in any order; each quotient is rounded alike on every machine.
+//! precision holds exactly, in any order; each quotient is rounded the same on every machine.
 
 use crate::base::control::Control;
 use crate::base::error::Result;
@@ -117,7 +117,7 @@ impl Cost for Zncc {
 }
 
 impl Moments<Plane<f64>> {
-    /// The moments of a plane; those within half a neighborhood of its edge mean nothing.
+    /// The moments of a plane; values within half a neighborhood of its edge are meaningless.
     fn new(plane: &Plane<u16>, side: usize, level: Level, control: &Control) -> Result<Self> {
         let shape = (plane.rows(), plane.cols());
         let windows = Windows { size: shape, radius: side / 2, beyond: Beyond::Nothing };
@@ -163,7 +163,7 @@ fn add_products<const L: usize>(left: u16, right: &[u16; L], sums: &mut [f64; L]
     }
 }
 
-/// Moves sums over columns by one; the one that has entered takes the place of the one that has left.
+/// Slides sums over columns by one; the entering one replaces the leaving one.
 #[inline(always)]
 fn slide<const L: usize>(sums: &mut [f64; L], entering: [f64; L], leaving: &mut [f64; L]) {
     for j in 0..L {
@@ -185,7 +185,8 @@ fn write_costs<V: Value, const L: usize>(
     }
 }
 
-/// The cost of two neighborhoods, by the sum of their products over `pixels`, and the sum and spread of each.
+/// The cost of two neighborhoods, from the sum of their products over `pixels`, and the sum and spread of
+/// each.
 #[inline(always)]
 fn cost(
     (products, pixels): (f64, f64),

@@ -1,7 +1,7 @@
 //! Integer tables of the local Fourier transform.
 //!
 //! The descriptor is *defined* on these integers, rounding included. Tables of non-zero frequencies sum to
-//! zero exactly, so a constant added to an image changes nothing, not even on ties. All are centered at the
+//! exactly zero, so a constant added to an image changes nothing, not even in ties. All are centered at the
 //! pixel: the real part is even and the imaginary part odd, so one half is enough.
 
 use std::f64::consts::TAU;
@@ -9,15 +9,15 @@ use std::f64::consts::TAU;
 use crate::base::math;
 use crate::settings::{Settings, Taper};
 
-/// Amplitude of the tables times `L`. Sums of pixels of 8 bits in sixteenths of a gray level, as of luminances
-/// and of smoothed images, then fit in 32 bits for every `L` (the square of this, times 2^11), and those of any
-/// pixels are exact in double precision. A tap is within a step of the exact value: 1/140 for `L` = 7, an angle
-/// within half a degree.
+/// Amplitude of the tables times `L`. Sums of 8-bit pixels in sixteenths of a gray level, as in luminances
+/// and smoothed images, then fit in 32 bits for every `L` (the square of this, times 2^11), and sums of any
+/// pixels are exact in double precision. A tap is within one step of its exact value: 1/140 for `L` = 7, an
+/// angle within half a degree.
 const AMPLITUDE_TIMES_SIZE: usize = 1000;
-/// The same for codes that are only compared within an estimate, of images in 128ths of a gray level
+/// The same for codes that are compared only within an estimate, of images in 128ths of a gray level
 /// ([`ROUGH_REACH`]): a tap is within 1/110 for `L` = 3.
 const ROUGH_AMPLITUDE_TIMES_SIZE: usize = 350;
-/// Largest gray value of which sums with those tables fit in 32 bits.
+/// Largest gray value for which sums with those tables fit in 32 bits.
 pub const ROUGH_REACH: u32 = 1 << 14;
 
 /// One spectral component of the descriptor: its frequency indices along x and y.
@@ -32,9 +32,9 @@ pub struct Component {
 /// The taps `even[|j|] + i sgn(j) odd[|j|]`, `j` pixels from the center.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct BasisFilter {
-    /// Real parts, from the center outwards.
+    /// Real parts, from the center outward.
     pub even: Vec<i32>,
-    /// Imaginary parts on the side of rising coordinates, from the center (0) outwards.
+    /// Imaginary parts on the side of increasing coordinates, from the center (0) outward.
     pub odd: Vec<i32>,
 }
 
@@ -52,7 +52,7 @@ impl Basis {
         Self::of(settings, AMPLITUDE_TIMES_SIZE)
     }
 
-    /// Tables of which sums of gray values up to [`ROUGH_REACH`] fit in 32 bits.
+    /// Tables for which sums of gray values up to [`ROUGH_REACH`] fit in 32 bits.
     pub fn rough(settings: &Settings) -> Self {
         Self::of(settings, ROUGH_AMPLITUDE_TIMES_SIZE)
     }
@@ -85,12 +85,12 @@ impl Basis {
         axis.chain(rest).collect()
     }
 
-    /// The filters by frequency index; that of index 0 is the window itself.
+    /// The filters by frequency index; index 0 is the window itself.
     pub fn filters(&self) -> &[BasisFilter] {
         &self.filters
     }
 
-    /// Standard deviation of the real or imaginary part of a component of white noise of standard deviation
+    /// Standard deviation of the real or imaginary part of a component for white noise of standard deviation
     /// 1: the energy of the window, half of which belongs to cosines and half to sines.
     pub fn deviation(&self) -> f64 {
         let window = self.filters[0].even.iter().map(|tap| f64::from(*tap).powi(2));
@@ -98,7 +98,7 @@ impl Basis {
         (window.take(1).sum::<f64>() + 2.0 * side) / f64::sqrt(2.0)
     }
 
-    /// The largest component, and the largest sum on the way to it, in multiples of the largest pixel.
+    /// The largest component, and the largest intermediate sum, in multiples of the largest pixel.
     pub fn gain(&self) -> u64 {
         let largest = self.filters.iter().map(BasisFilter::total).fold(0.0, f64::max);
         largest.powi(2).ceil() as u64
@@ -120,7 +120,8 @@ fn amplitude(size: usize, times_size: usize) -> usize {
 }
 
 /// `w(j) (exp(-2 pi i f j / L) - kappa)`, with `kappa` such that the taps sum to zero: the correction that
-/// makes Morlet wavelets admissible; the uniform window needs none. Frequency 0 is the window `w` itself.
+/// makes Morlet wavelets admissible; the uniform window does not need it. Frequency 0 is the window `w`
+/// itself.
 fn filter(taper: Taper, size: usize, scale: usize, f: usize) -> BasisFilter {
     let radius = size / 2;
     let scale = scale as f64;
@@ -186,7 +187,7 @@ mod tests {
 
     const TAPERS: [Taper; 3] = [Taper::Uniform, Taper::Gaussian, Taper::Hann];
 
-    /// Every basis by taper, size, and the largest gray value of which sums fit in 32 bits.
+    /// All bases by taper, size, and the largest gray value for which sums fit in 32 bits.
     fn every_basis() -> impl Iterator<Item = (Taper, usize, u64, Basis)> {
         let sizes = (3..=LARGEST_WINDOW).step_by(2);
         let all = TAPERS.into_iter().flat_map(move |taper| sizes.clone().map(move |size| (taper, size)));
@@ -258,7 +259,7 @@ mod tests {
     fn windows_fall_from_the_amplitude_at_the_center() {
         for (taper, size, reach, basis) in every_basis() {
             let window = &basis.filters[0].even;
-            // The more bits gray values have, the fewer are left for taps.
+            // The more bits gray values have, the fewer remain for taps.
             let most = (2f64.powi(31) / reach as f64).sqrt() / size as f64;
             assert!((0.9 * most - 3.0..most).contains(&window[0].into()), "{taper:?} {size} {reach}");
             assert!(window.is_sorted_by(|a, b| a >= b), "{taper:?} {size}");

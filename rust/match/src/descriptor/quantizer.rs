@@ -1,18 +1,18 @@
 //! A spectral component -> the bits of its quantized phase (paper, eq. 3).
 //!
 //! Levels lie on a circle. Each is written in a Johnson code (a circular thermometer), whose Hamming distance
-//! *is* the distance around the circle (eq. 4), for any number of bits. Each bit says on which side of a line
-//! through zero the component lies, so a code takes a few comparisons, the same for every pixel. With two
-//! bits, for example:
+//! *is* the distance around the circle (eq. 4), for any number of bits. Each bit is the side of a line
+//! through zero on which the component lies, so a code takes a few comparisons, the same for every pixel.
+//! With two bits, for example:
 //!
 //! ```text
 //! quadrant   1     2     3     4
 //! code      00    01    11    10        # bit 0: left of the imaginary axis, bit 1: below the real axis
 //! ```
 //!
-//! With a weak level each real and each imaginary part is negative, weak or positive. Two bits say whether it
-//! is clearly negative and whether it is clearly positive, so opposite signs differ in both bits, a weak and
-//! a clear part in one.
+//! With a weak level, each real and each imaginary part is negative, weak or positive. Two bits mark it as
+//! clearly negative and clearly positive, so opposite signs differ in both bits, a weak and a clear part in
+//! one.
 
 use std::array::from_fn;
 
@@ -30,17 +30,18 @@ const TANGENTS: [f64; 7] = [
     5.027_339_492_125_846,
 ];
 
-/// Cuts the complex plane into sectors and gives each its code.
+/// Cuts the complex plane into sectors and gives each a code.
 ///
-/// The sectors of a quadrant begin where the quotient of its coordinates, correctly rounded, reaches a
-/// tangent. It depends on their ratio only, so scaling an image changes nothing.
+/// The sectors of a quadrant begin where the quotient of the coordinates, correctly rounded, reaches a
+/// tangent. It depends only on their ratio, so scaling an image changes nothing.
 #[derive(Debug, Clone)]
 pub struct Quantizer {
     /// The power `k` of the spectrum.
     power: usize,
     /// Bits of each code: half the number of levels.
     code_length: usize,
-    /// Magnitude up to which a real or an imaginary part of `F^k` is weak, a whole number; `None`: none is.
+    /// Magnitude up to which a real or imaginary part of `F^k` is weak, a whole number; `None`: no weak
+    /// level.
     weak: Option<f64>,
 }
 
@@ -51,8 +52,8 @@ impl Quantizer {
         Self { power: settings.power, code_length, weak: None }
     }
 
-    /// The quantizer for which parts of `F` are weak up to `threshold`, a whole number, and those of `F^2` up
-    /// to its square; for `b` = 2.
+    /// The quantizer with a weak level, for `b` = 2: parts of `F` are weak up to `threshold`, a whole number,
+    /// and parts of `F^2` up to its square.
     pub fn with_weak_level(self, threshold: f64) -> Self {
         debug_assert!(self.code_length == 2 && threshold >= 0.0);
         Self { code_length: 4, weak: Some(threshold.powi(self.power as i32)), ..self }
@@ -64,14 +65,15 @@ impl Quantizer {
     }
 
     /// Writes the codes of one component of neighboring pixels into their words, from bit `shift` on. These
-    /// bits must be 0. A boundary belongs to the sector counter-clockwise of it, zero to the first sector.
+    /// bits must be 0. A boundary belongs to the sector counterclockwise of it, zero to the first sector.
     #[inline(always)]
     pub fn add<T: Lane>(&self, re: &[T], im: &[T], shift: usize, words: &mut [T::Word]) {
         if let Some(threshold) = self.weak {
             return self.add_three_levels(re, im, shift, words, threshold);
         }
 
-        // With the diagonal as only boundary no division is needed. The maximum with 1 keeps zero below it.
+        // If the diagonal is the only boundary, no division is needed. The maximum with 1 keeps zero below
+        // it.
         let diagonal = |x: T, y: T| y.minus(if x < T::from(1) { T::from(1) } else { x });
         let quotient = |x: T, y: T| y.into() / x.into();
         let zero = T::default();
@@ -91,7 +93,7 @@ impl Quantizer {
         }
     }
 
-    /// As [`Self::add`], with a weak level.
+    /// Like [`Self::add`], with a weak level.
     #[inline(always)]
     fn add_three_levels<T: Lane>(
         &self,
@@ -158,7 +160,7 @@ fn add_each<T: Lane>(
 
 /// The position of a component: its half planes, and its place in its quadrant.
 ///
-/// A half plane includes the half of its border that begins it counter-clockwise, but not zero.
+/// A half plane includes the half of its border that begins it counterclockwise, but not zero.
 #[derive(Debug, Clone, Copy)]
 struct PhasePosition<T> {
     /// Left of the imaginary axis.
@@ -173,7 +175,7 @@ impl<T: Lane> PhasePosition<T> {
     #[inline(always)]
     fn new(re: T, im: T) -> Self {
         let zero = T::default();
-        // Components are integers, so less than 1 is 0 or less: that includes the border.
+        // Components are integers, so less than 1 means 0 or less, which includes the border.
         let bound = |with_border: bool| if with_border { T::from(1) } else { zero };
         let left = re < bound(im > zero);
         let below = im < bound(re < zero);
@@ -189,7 +191,7 @@ impl<T: Lane> PhasePosition<T> {
     }
 
     /// The code of the phase with `B` boundaries inside each quadrant: those whose bounds the `measure` of
-    /// the coordinates reaches. Each bit stands for one of the half planes that the boundaries open.
+    /// the coordinates reaches. Each bit stands for one of the half planes defined by the boundaries.
     #[inline(always)]
     fn halves<M: PartialOrd, const B: usize>(self, measure: impl Fn(T, T) -> M, bounds: [M; B]) -> T::Word {
         let even = self.in_even_quadrant();
@@ -206,7 +208,7 @@ impl<T: Lane> PhasePosition<T> {
         code
     }
 
-    /// As [`Self::halves`], of twice the phase: two quadrants are once around the circle.
+    /// Like [`Self::halves`], for twice the phase: two quadrants make one full circle.
     #[inline(always)]
     fn doubled<M: PartialOrd, const B: usize>(self, measure: impl Fn(T, T) -> M, bounds: [M; B]) -> T::Word {
         let even = self.in_even_quadrant();

@@ -1,8 +1,9 @@
 //! Pixels -> spectral components of a few rows at a time.
 //!
-//! The transform is separable: down the columns first, for every `v`, then along the row, for every `(u, v)`.
-//! Filters are even or odd, so the two pixels at one distance from the center are added or subtracted first
-//! and share one multiplication. Rows do not depend on one another's sums, so the work can be cut anywhere.
+//! The transform is separable: first down the columns, for every `v`, then along the row, for every `(u, v)`.
+//! Filters are even or odd, so the two pixels at the same distance from the center are added or subtracted
+//! first and share one multiplication. Rows do not depend on each other's sums, so the work can be cut
+//! anywhere.
 
 use std::array::from_fn;
 use std::ops::{BitOr, Range, Shl};
@@ -11,16 +12,17 @@ use crate::base::error::Result;
 use crate::base::memory::Memory;
 use crate::descriptor::basis::{Basis, BasisFilter};
 
-/// Pixels that are computed together, of one row or of a few: enough that starting the loops takes little of
-/// the time, and few enough that their data stay close to the first-level cache. With 1024, rows of 741
-/// pixels take 10 % longer in AVX-512, with 2048 as much longer in AVX2.
+/// Pixels that are computed together, from one or a few rows: enough that starting the loops takes little of
+/// the time, few enough that their data stay close to the first-level cache. With 1024, rows of 741 pixels
+/// take 10 % longer in AVX-512; with 2048, they take as much longer in AVX2.
 const SEGMENT: usize = 1536;
-/// Rows are computed to a multiple of this many pixels, whole registers: a part of one would take as long.
+/// Rows are computed to a multiple of this many pixels, whole registers: part of a register would take as
+/// long.
 const LANES: usize = 16;
 /// Pairs of taps that are applied in one sweep over a row: all that fit in registers.
 const SWEEP: usize = 4;
 
-/// A word of 32 bits of a code, in a register lane of whatever width.
+/// A 32-bit word of a code, in a register lane of any width.
 pub trait Word:
     Copy + Default + From<bool> + Into<u64> + BitOr<Output = Self> + Shl<usize, Output = Self>
 {
@@ -40,7 +42,7 @@ macro_rules! word {
 }
 word!(u32, u64);
 
-/// A number in which sums are exact, if [`Basis::gain`] times the largest pixel fits in it.
+/// A number type in which sums are exact, if [`Basis::gain`] times the largest pixel fits.
 pub trait Lane: Copy + Default + PartialOrd + From<i32> + Into<f64> + Send + Sync + 'static {
     /// Bits, as wide as the number, so that comparisons need no repacking.
     type Word: Word;
@@ -52,7 +54,7 @@ pub trait Lane: Copy + Default + PartialOrd + From<i32> + Into<f64> + Send + Syn
     fn times(self, other: Self) -> Self;
     /// The magnitude.
     fn magnitude(self) -> Self;
-    /// A whole number, or the nearest one there is.
+    /// A whole number, or the nearest one that the type holds.
     fn nearest(whole: f64) -> Self;
 }
 
@@ -112,7 +114,7 @@ impl Lane for f64 {
     }
 }
 
-/// The even and the odd part of a filter, from the center outwards; or a row under each of them.
+/// The even and the odd part of a filter, from the center outward; or a row under each of them.
 #[derive(Debug)]
 struct EvenOdd<B> {
     even: B,
@@ -137,10 +139,10 @@ impl<T: Lane> EvenOdd<Vec<T>> {
 /// A component of neighboring pixels: its index, its real and its imaginary parts.
 pub type Components<'a, T> = (usize, &'a [T], &'a [T]);
 
-/// How rows of pixels lie in memory: one after the other, each with its continuation on either side.
+/// The layout of rows of pixels in memory: one after the other, each with its continuation on either side.
 ///
-/// So a few rows are one long row. What is computed of the continuation between two of them is of no use, but
-/// takes less time than starting again with each row.
+/// So a few rows form one long row. Values computed in the continuation between two of them are useless, but
+/// take less time than restarting with each row.
 #[derive(Debug, Clone, Copy)]
 pub struct Layout {
     /// Pixels of a row.
@@ -171,7 +173,7 @@ impl Layout {
 pub struct Spectrum<T> {
     /// Highest frequency index along y of all components.
     highest: usize,
-    /// The frequencies `(u, v)`, `v` not negative, whose components are asked for.
+    /// The frequencies `(u, v)`, with `v >= 0`, whose components are requested.
     frequencies: Vec<(usize, usize)>,
     /// By frequency index.
     filters: Vec<EvenOdd<Vec<T>>>,
@@ -199,8 +201,8 @@ impl<T: Lane> Spectrum<T> {
         })
     }
 
-    /// Filters rows along y: at most a group of them, from the radius of the basis above the first one to as
-    /// far below the last one.
+    /// Filters rows along y, at most a group: from the radius of the basis above the first one to the same
+    /// distance below the last one.
     #[inline(always)]
     pub fn center_on(&mut self, surroundings: &[i32]) {
         let step = self.layout.width();
@@ -213,12 +215,12 @@ impl<T: Lane> Spectrum<T> {
         }
     }
 
-    /// The number of frequencies whose components are asked for.
+    /// The number of requested frequencies.
     pub fn frequencies(&self) -> usize {
         self.frequencies.len()
     }
 
-    /// The components `(u, v)` and, if it differs, `(u, -v)` of one of the frequencies, of the pixels at
+    /// The components `(u, v)` and, if different, `(u, -v)` of one of the frequencies, for the pixels at
     /// these places.
     #[inline(always)]
     pub fn components(
@@ -248,7 +250,7 @@ impl<T: Lane> Spectrum<T> {
         }
 
         let [ee, oe, eo, oo] = [&*ee, oe, eo, oo];
-        // Components lie as `Basis::components` lists them: the axis first, then `v` from `-highest` on for
+        // Components are ordered as in `Basis::components`: the axis first, then `v` from `-highest` on for
         // each `u`.
         let highest = self.highest;
         let index = |v: usize| highest + (u - 1) * (2 * highest + 1) + v;
@@ -283,8 +285,8 @@ fn to_sum_and_difference<T: Lane>(a: &mut [T], b: &mut [T]) {
     }
 }
 
-/// Where a filter lies on the data in one sweep: its center for the first output, the distance of neighboring
-/// taps, and the first of the pairs of taps around the center.
+/// The placement of a filter on the data in one sweep: its center for the first output, the distance of
+/// neighboring taps, and the first of the pairs of taps around the center.
 #[derive(Debug, Clone, Copy)]
 struct Pairs {
     center: usize,
@@ -303,7 +305,7 @@ impl Pairs {
     }
 }
 
-/// Applies a filter to a row of outputs: both of its parts, or the even one only.
+/// Applies a filter to a row of outputs: both parts, or only the even one.
 #[inline(always)]
 fn apply<P: Lane, T: Lane + From<P>>(
     filter: &EvenOdd<Vec<T>>,
@@ -351,8 +353,8 @@ fn sweep<P: Lane, T: Lane + From<P>, const K: usize>(
     }
 }
 
-/// Adds to the even part. Outputs and inputs are arguments of their own, so that the vectorizer knows that
-/// they do not overlap.
+/// Adds to the even part. Outputs and inputs are separate arguments, so that the vectorizer sees that they do
+/// not overlap.
 #[inline(always)]
 fn add_even<P: Lane, T: Lane + From<P>, const K: usize>(
     even: &mut [T],
