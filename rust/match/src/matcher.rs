@@ -1,4 +1,4 @@
-//! The order of the stages, and bands of rows on threads. No arithmetic of its own.
+//! The order of the stages, and bands of rows on threads, without arithmetic of its own.
 
 pub mod footprint;
 pub mod halo;
@@ -43,7 +43,7 @@ use crate::refinement::synthesis;
 use crate::refinement::{Draft, MapWriter, invalidate};
 use crate::settings::{Optimizer, Settings};
 
-/// Most threads that one match may ask for.
+/// Most threads that one match may use.
 pub const MOST_THREADS: usize = 1024;
 
 /// Threads and instructions; the result does not depend on them.
@@ -67,11 +67,11 @@ pub struct Disparity {
     /// Half the width of the interval that holds the true disparity with a probability of 90 %, pixels; NaN
     /// where there is no estimate. `None`: not computed.
     pub uncertainty: Option<Plane<f32>>,
-    /// Without confidences, the estimated share of the disparities that are off by more than 1 px, by those
-    /// of a few rows; `None`: with confidences, or where nothing could be sampled.
+    /// Without confidences, the estimated share of disparities that are off by more than 1 px, from those of
+    /// a few rows; `None`: with confidences, or if nothing could be sampled.
     pub wrong: Option<f64>,
-    /// Where smaller copies decided, the images hold no detail finer than this, pixels: how many times
-    /// smaller these are, as a geometric mean over the pixels. `None`: none decided.
+    /// Where smaller copies decided, the finest detail of the images, pixels: how many times smaller the
+    /// copies are, as a geometric mean over the pixels. `None`: none decided.
     pub detail: Option<f64>,
     /// Wall-clock time of each stage.
     pub timings: Timings,
@@ -94,15 +94,15 @@ impl Disparity {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct Timings {
-    /// From images to codes (or to what else the cost compares).
+    /// From images to codes (or whatever else the cost compares).
     pub description: Duration,
     /// From codes to unrefined disparities.
     pub matching: Duration,
     /// From unrefined to filled and smoothed disparities, with confidences.
     pub refinement: Duration,
-    /// From there to a map that is decided over scales; the match of smaller copies is part of it.
+    /// From there to a map that is decided over scales, including the match of smaller copies.
     pub scales: Duration,
-    /// Whether the budget left no time for them.
+    /// Whether the scales were skipped because the budget left no time.
     pub is_cut_short: bool,
 }
 
@@ -117,9 +117,9 @@ impl Timings {
 #[derive(Debug)]
 pub struct Matcher {
     pool: ThreadPool,
-    /// Workspaces that no band uses at the moment, the last used one last.
+    /// Workspaces that no band is using, the most recently used one last.
     spare: Mutex<Vec<Spare>>,
-    /// What searches instead of the core; `None`: nothing.
+    /// The engine that searches instead of the core; `None`: the core searches.
     engine: Option<Arc<dyn Engine>>,
 }
 
@@ -141,7 +141,7 @@ struct Unrefined<'a> {
     timings: Timings,
 }
 
-/// The common data of the bands of a match.
+/// The shared data of the bands of a match.
 struct Job<'a> {
     costs: &'a Costs<'a>,
     window: Window,
@@ -151,7 +151,7 @@ struct Job<'a> {
     workspace: usize,
 }
 
-/// Runs `work` on threads that are started for it and ended after it.
+/// Runs `work` on threads that start before it and end after it.
 pub fn on_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> Result<T> {
     Ok(thread_pool(threads)?.install(work))
 }
@@ -165,7 +165,7 @@ pub fn usable_threads() -> usize {
     wanted.filter(|&count| count > 0).unwrap_or_else(usable).min(MOST_THREADS)
 }
 
-/// The plan for a pair that needs no straightening.
+/// The plan for a pair that does not need straightening.
 fn plan<'a>(pair: &'a Pair, settings: &'a Settings) -> Plan<'a> {
     Plan { settings, compensation: pair.blur_compensation(), alignment: None }
 }
@@ -184,7 +184,7 @@ impl Matcher {
         Ok(Self { pool: thread_pool(threads)?, spare: Mutex::default(), engine: None })
     }
 
-    /// The same with an engine that searches; the core does whatever it does not take.
+    /// Adds an engine that searches; the core does whatever it does not accept.
     pub fn with_engine(self, engine: Arc<dyn Engine>) -> Self {
         Self { engine: Some(engine), ..self }
     }
@@ -194,7 +194,7 @@ impl Matcher {
         self.engine.as_ref()?.failure()
     }
 
-    /// Starts work on the threads and does not wait for it. The work must not panic.
+    /// Starts work on the threads without waiting for it. The work must not panic.
     pub fn spawn(&self, work: impl FnOnce() + Send + 'static) {
         self.pool.spawn(work);
     }
@@ -215,7 +215,7 @@ impl Matcher {
         self.match_rows(pair, &Section::whole(pair), settings, execution, control)
     }
 
-    /// Matches some rows of a pair: to the bit as in the whole pair, if the pair has their halo.
+    /// Matches some rows of a pair: bit for bit as in the whole pair, if the pair contains their halo.
     pub fn match_rows(
         &self,
         pair: &Pair,
@@ -227,7 +227,7 @@ impl Matcher {
         Ok(self.match_calibrated(pair, section, settings, execution, control)?.returned(settings))
     }
 
-    /// The same with all estimated disparities, including those that the settings reject.
+    /// [`Self::match_rows`] with all estimated disparities, including those that the settings reject.
     pub fn match_calibrated(
         &self,
         pair: &Pair,
@@ -244,8 +244,8 @@ impl Matcher {
         })
     }
 
-    /// The same with raw confidences. The sums over these rows are those that calibration needs, if they are
-    /// rows to sample.
+    /// [`Self::match_rows`] with raw confidences. The sums over these rows are those that calibration needs,
+    /// if the rows are to be sampled.
     pub fn match_raw(
         &self,
         pair: &Pair,
@@ -257,7 +257,7 @@ impl Matcher {
         settings.check()?;
         section.check(pair)?;
 
-        // Refinement looks at unrefined rows around these, so more rows are chosen and then cut off.
+        // Refinement reads unrefined rows around these, so more rows are matched, then cut off.
         let around = section.widened(Halo::new(plan(pair, settings)).map, pair);
         let wanted = section.rows.start - around.start..section.rows.end - around.start;
         let widened = Section { rows: around, ..section.clone() };
@@ -266,8 +266,8 @@ impl Matcher {
         Ok(found.of_rows(wanted))
     }
 
-    /// Matches some rows of a pair, whose map is refined as if the pair had no other rows. Confidences stay
-    /// raw, as the stages before the match of the pair itself need them.
+    /// Matches some rows of a pair, and refines their map as if the pair had no other rows. Confidences stay
+    /// raw, as needed by the stages before the match of the pair itself.
     pub fn match_alone(
         &self,
         pair: &Pair,
@@ -356,7 +356,7 @@ impl Matcher {
         Ok(Unrefined { map, texture, timings })
     }
 
-    /// Has the engine search, chunk after chunk, and returns the bands that are left to the core.
+    /// Lets the engine search, chunk by chunk, and returns the bands that are left to the core.
     fn match_by_engine<'m>(
         &self,
         mut bands: Vec<MapBand<'m>>,
@@ -401,7 +401,7 @@ impl Matcher {
         })
     }
 
-    /// A workspace of this type and the bytes that it may have: a used one if there is any.
+    /// A workspace of this type, reused if possible, and its bytes by the memory model.
     fn memory<M: Default + Send + 'static>(&self) -> (Box<M>, usize) {
         let mut spare = self.spare();
         let index = spare.iter().rposition(|spare| spare.memory.is::<M>());
@@ -411,8 +411,7 @@ impl Matcher {
         (memory.downcast().unwrap_or_default(), bytes)
     }
 
-    /// Gives workspaces back that no band uses, those that were not used for longest first, until the others
-    /// have at most `bytes`.
+    /// Frees idle workspaces, the least recently used ones first, until the others have at most `bytes`.
     pub fn keep_at_most(&self, bytes: usize) {
         let mut spare = self.spare();
         let mut kept = spare.iter().map(|spare| spare.bytes).sum::<usize>();
@@ -434,7 +433,7 @@ impl<'a> Job<'a> {
         AggregatedCosts { costs, window, level: search.level }
     }
 
-    /// Writes disparities and flags of a band into the map: its evidence begins with row `first`.
+    /// Writes the disparities and flags of a band into the map; its evidence begins at row `first`.
     fn write(&self, band: &mut MapBand, evidence: &Evidence, first: usize) -> Result<()> {
         let writer = self.writer();
         let mut checker = Checker::default();
@@ -442,7 +441,7 @@ impl<'a> Job<'a> {
         for (row, y) in band.rows().enumerate() {
             let (found, mut out) = (evidence.row(first + row), band.row(row));
             let found = if self.search.weighs(y) { found } else { found.bare() };
-            // Without confidences, those of a sample say how much is wrong.
+            // Without confidences, those of a sample estimate the share of wrong disparities.
             let is_voted = self.settings.needs_confidence() || sample::is_weighed(self.search.first + y);
             out.votes = out.votes.filter(|_| is_voted);
 
@@ -468,7 +467,8 @@ impl<'a> Job<'a> {
 }
 
 impl Unrefined<'_> {
-    /// Flags what cannot be right, fills it and smooths. The map is of these rows of the pair.
+    /// Flags disparities that cannot be right, fills them and smooths the map. The map covers these rows of
+    /// the pair.
     fn refined(
         self,
         pair: &Pair,
@@ -495,7 +495,7 @@ impl Unrefined<'_> {
 
         let (disparity, confidence) = draft.refine(settings, level, control)?;
         let wrong = match (&confidence, &votes, &texture) {
-            // Rows of a part are not those of the whole.
+            // The rows of a part do not represent the whole.
             (None, Some(votes), Some(texture)) if is_whole => {
                 let map = SampledMap { disparity: &disparity, flags: &flags, votes, texture };
                 let faults = Faults::of_pair(pair);
@@ -510,13 +510,13 @@ impl Unrefined<'_> {
 }
 
 impl Disparity {
-    /// The sums over the rows of a whole raw map that are to be sampled; `None`: without confidences.
+    /// The sums over the sampled rows of a whole raw map; `None`: without confidences.
     fn tally(&self, candidates: Candidates) -> Option<Tally> {
         let confidence = self.confidence.as_ref()?;
         Some(Tally::of_sample(confidence, &self.disparity, &self.flags, candidates))
     }
 
-    /// Calibrates raw confidences, if there are any, by the sums over the whole map.
+    /// Calibrates raw confidences, if any, by the sums over the whole map.
     fn calibrated(mut self, tally: Option<Tally>, faults: Faults, optimizer: Optimizer) -> Result<Self> {
         if let (Some(tally), Some(confidence)) = (tally, &mut self.confidence) {
             let calibration = ConfidenceCalibration::new(&traits(tally, faults), Weights::of(optimizer));
@@ -527,8 +527,8 @@ impl Disparity {
         Ok(self)
     }
 
-    /// The part that the settings return: without estimates that they reject, and without confidences that
-    /// only served that.
+    /// The result that the settings ask for: without the estimates they reject, and without confidences that
+    /// were only needed for that.
     pub fn returned(mut self, settings: &Settings) -> Self {
         let confidence = self.confidence.as_ref().map(Plane::as_slice);
         let uncertainty = self.uncertainty.as_mut().map(Plane::as_mut_slice);
@@ -542,7 +542,7 @@ impl Disparity {
         }
     }
 
-    /// Some rows of it.
+    /// Some rows of the map.
     fn of_rows(self, rows: Range<usize>) -> Self {
         Self {
             disparity: self.disparity.of_rows(rows.clone()),

@@ -1,27 +1,27 @@
 //! Aggregated costs -> the best candidate of every pixel: by the sum of four paths (Hirschmüller, *Stereo
 //! Processing by Semiglobal Matching and Mutual Information*, PAMI 2008), by two along the row, by dynamic
-//! programming under the ordering constraint, or each pixel by itself.
+//! programming under the ordering constraint, or for each pixel by itself.
 //!
-//! The cost volume never exists as a whole. An image is cut into bands of [`BAND`] rows, or half of them
-//! ([`band_height`]), a band into panels of [`PANEL`] columns. The costs of a panel lie in strips of
+//! The cost volume never exists as a whole. An image is cut into bands of [`BAND`] rows, or half that
+//! ([`band_height`]), and a band into panels of [`PANEL`] columns. The costs of a panel lie in strips of
 //! [`STRIP`] columns; those of up to about 128 disparities fit in a second-level cache. Paths from the left
-//! run through whole rows. Paths from the right start [`LOOKAHEAD_COLUMNS`] columns right of each panel,
-//! paths from above and below [`LOOKAHEAD_ROWS`] rows outside each band. So no band depends on another, and
-//! any thread may work on any band at any time. Bands and panels begin at multiples of their sizes in the
-//! whole image, so the result does not depend on which rows are matched together:
+//! run through whole rows. Paths from the right start [`LOOKAHEAD_COLUMNS`] columns to the right of each
+//! panel, paths from above and below [`LOOKAHEAD_ROWS`] rows outside each band. So no band depends on
+//! another, and any thread may work on any band at any time. Bands and panels begin at multiples of their
+//! sizes in the whole image, so the result does not depend on which rows are matched together:
 //!
 //! ```text
 //! for band in bands:                                       # any thread, any order
 //!     for panel in panels, from the left:
-//!         candidates that are searched in it               # all, or those of panel_ranges
+//!         candidates to search in it                       # all, or those of panel_ranges
 //!         costs of the panel and its look-ahead columns    # aggregation
 //!         paths from the right, then from the left         # paths::HorizontalPass; keeps their mean
 //!         paths from below, then from above                # paths::VerticalPass
 //!         the least mean of all four paths wins            # selection
 //! ```
 //!
-//! Four paths are as good as eight, and look-aheads lose hardly anything of whole paths. Paths from above and
-//! along the row alone are worse.
+//! Four paths are as good as eight, and look-aheads lose hardly anything compared with whole paths. Paths
+//! from above and along the row alone are worse.
 
 pub mod edges;
 pub mod engine;
@@ -62,13 +62,13 @@ pub use self::paths::{STRIDE, STRIP};
 pub use self::penalties::{LARGEST_SUMMED_PENALTY, Penalties};
 use self::selection::{PIXELS, Selection};
 
-/// Columns right of a panel where its paths from the right start: one strip, which the next panel takes over.
-/// Results depend on it, as the means above say.
+/// Columns to the right of a panel where its paths from the right start: one strip, which the next panel
+/// reuses. Results depend on it through the means above.
 pub const LOOKAHEAD_COLUMNS: usize = STRIP;
 /// Strips of a panel and its look-ahead columns.
 const STRIPS: usize = (PANEL + LOOKAHEAD_COLUMNS) / STRIP;
 
-/// The rows of which more is needed than the chosen candidates.
+/// The rows that need more than the chosen candidates.
 #[derive(Debug, Clone, Copy)]
 pub enum Weighing {
     /// None.
@@ -84,7 +84,7 @@ pub enum Weighing {
 pub struct CandidateSearch<'a> {
     /// Rows and columns of the image.
     pub size: (usize, usize),
-    /// The row of the whole image where the image begins: bands are those of the whole.
+    /// The first row of the image in the whole image: bands are those of the whole.
     pub first: usize,
     /// Candidates of each pixel.
     pub candidates: usize,
@@ -96,7 +96,7 @@ pub struct CandidateSearch<'a> {
     pub penalties: Penalties,
     /// The jumps of the gray value that lower P2.
     pub edges: &'a Edges,
-    /// Whether the cost margin and the sub-pixel offset are needed beside the chosen candidates.
+    /// The rows for which cost margins and sub-pixel offsets are needed.
     pub weighs: Weighing,
     /// Instructions to use.
     pub level: Level,
@@ -137,7 +137,7 @@ impl<T: Value> CostSource<T> for AggregatedCosts<'_> {
     }
 }
 
-/// Aggregated costs that the caller has: rows of `columns x candidates`.
+/// Aggregated costs given by the caller: rows of `columns x candidates`.
 #[derive(Debug, Clone, Copy)]
 pub struct CostVolume<'a> {
     /// The costs.
@@ -201,16 +201,16 @@ impl<T: Value> Default for Workspace<T> {
     }
 }
 
-/// Rows of a band of an image with `rows`. Without paths along columns, a band of half of [`BAND`] gives the
-/// same: of many candidates a panel of all rows does not fit in the second-level cache, and few bands leave
-/// threads idle.
+/// Rows of a band of an image with `rows`. Without paths along columns, bands of half of [`BAND`] give the
+/// same result. They are used because with many candidates a panel of all rows does not fit in the
+/// second-level cache, and few bands leave threads idle.
 pub fn band_height(optimizer: Optimizer, candidates: usize, rows: usize) -> usize {
     let is_along_rows = optimizer == Optimizer::ScanlineOptimization;
     if is_along_rows && (candidates > 128 || rows < 8 * BAND) { BAND / 2 } else { BAND }
 }
 
 impl CandidateSearch<'_> {
-    /// The bands that some rows of the image lie in, each clipped to these rows.
+    /// The bands that contain some rows of the image, each clipped to these rows.
     pub fn bands(&self, rows: Range<usize>) -> impl Iterator<Item = Range<usize>> + use<> {
         let (height, first) = (band_height(self.optimizer, self.candidates, self.size.0), self.first);
         let mut start = rows.start;
@@ -231,7 +231,7 @@ impl CandidateSearch<'_> {
         Searched::all(self.candidates)
     }
 
-    /// The candidates that are searched in a panel, of the band of row `y` of the image, from column `x` on.
+    /// The candidates that are searched in a panel: in the band of row `y` of the image, from column `x` on.
     fn searched(&self, y: usize, x: usize) -> Searched {
         self.ranges.map_or(self.all(), |ranges| ranges.at(self.first + y, x))
     }
@@ -256,9 +256,9 @@ impl CandidateSearch<'_> {
         Ok(&workspace.evidence)
     }
 
-    /// Whether the evidence has more than the chosen candidates.
+    /// Whether the evidence contains more than the chosen candidates.
     pub fn is_weighed(&self) -> bool {
-        // The vertical pass selects and weighs in one go.
+        // The vertical pass selects and weighs at once.
         !matches!(self.weighs, Weighing::Nothing) || self.optimizer == Optimizer::SemiGlobal
     }
 
@@ -278,7 +278,7 @@ impl CandidateSearch<'_> {
         (0..cols).step_by(PANEL).map(move |start| start..(start + PANEL).min(cols))
     }
 
-    /// The rows whose costs the vertical paths of a band pass: those of the band and the look-ahead rows on
+    /// The rows whose costs the vertical paths of a band cross: those of the band and the look-ahead rows on
     /// either side.
     fn seen(&self, rows: &Range<usize>) -> Range<usize> {
         let band = (rows.start + self.first) / BAND * BAND;
@@ -403,7 +403,7 @@ impl CandidateSearch<'_> {
             let block = &PixelBlock::new(group, 0..cols, STRIP);
             costs.resize(block.places() * searched.runs())?;
 
-            // Strips follow one another, so those of each panel are a block of their own.
+            // Strips follow one another, so those of each panel form a block of their own.
             let mut rest = &mut costs[..];
             for columns in self.panels() {
                 self.control.checkpoint()?;
@@ -431,7 +431,7 @@ impl CandidateSearch<'_> {
 }
 
 /// The best candidates of a block of strips of [`STRIP`] columns, by totals of paths or by costs alone.
-/// `costs`: the costs of a block that begins with the same pixel.
+/// `costs`: the costs of a block that begins at the same pixel.
 #[leveled]
 fn select_pixels<T: Value>(
     level: Level,
@@ -467,8 +467,8 @@ fn select_pixels<T: Value>(
     }
 }
 
-/// Cost margin and sub-pixel offset of the candidates chosen for a block of rows, of which the evidence
-/// begins with row `row`.
+/// Cost margin and sub-pixel offset of the candidates chosen for a block of rows; the evidence begins at row
+/// `row`.
 struct WeighRows<'a, T> {
     search: &'a CandidateSearch<'a>,
     block: &'a PixelBlock,
@@ -519,7 +519,7 @@ pub fn optimize(
     control: &Control,
 ) -> Result<Plane<u16>> {
     let size @ (rows, cols) = (volume.rows(), volume.cols() / candidates);
-    // Costs and penalties up to this limit have totals that 32 bits hold.
+    // With costs and penalties up to this limit, totals fit in 32 bits.
     if let Some(cost) = volume.as_slice().iter().find(|cost| u64::from(**cost) > LARGEST_SUMMED_PENALTY) {
         return Err(Error::value("costs", cost, format!("costs up to {LARGEST_SUMMED_PENALTY}")));
     }

@@ -1,5 +1,5 @@
-//! Two images in gray, the disparities to search, and how the images are made comparable: resampled to one
-//! size and to rows that correspond, blurred alike.
+//! Two images in gray, the disparities to search, and the corrections that make the images comparable: one
+//! size, corresponding rows, equal blur.
 
 pub mod alignment;
 pub mod blur_compensation;
@@ -53,8 +53,8 @@ impl Stage for Images {
     }
 
     fn bytes(&self, demand: &Demand) -> Bytes {
-        // Both images with their masks, as they are read, and in gray; the right one once more, or twice, if
-        // it is straightened.
+        // Both images with their masks, as read, and in gray; the right one once more, or twice, if it is
+        // straightened.
         let copies = if demand.plan.alignment.is_some() { 4 } else { 2 };
         let gray = size_of::<i32>() + 1;
         Bytes { read: demand.cols * (2 * (demand.pixel + 1) + copies * gray), ..Bytes::default() }
@@ -87,7 +87,7 @@ impl Pair {
         Self::converted(inputs, conversions, min_disparity, num_disparities)
     }
 
-    /// A part of a pair of which the whole is converted so.
+    /// A part of a pair, given how the whole is converted.
     pub fn converted(
         inputs: [Input; 2],
         [of_left, of_right]: [Conversion; 2],
@@ -98,8 +98,8 @@ impl Pair {
         Self::new(of_left.view(left)?, of_right.view(right)?, min_disparity, num_disparities)
     }
 
-    /// A pair of any two images: the right one is brought to the size of the left one, and its pixels to the
-    /// unit of those. Black borders and overlays are masked.
+    /// A pair of any two images: the right one is scaled to the size of the left one, and its pixels to the
+    /// unit of the left ones. Black borders and overlays are masked.
     pub fn of_any([left, right]: [Input; 2], min_disparity: i64, num_disparities: i64) -> Result<Self> {
         left.check("left")?;
         right.check("right")?;
@@ -120,12 +120,12 @@ impl Pair {
         pair.without_overlays()
     }
 
-    /// How the right image was brought to the size of the left one; `None`: it came so.
+    /// How the right image was scaled to the size of the left one; `None`: it already had this size.
     pub fn fit(&self) -> Option<Fit> {
         self.fit
     }
 
-    /// The shares of the left and of the right image that are black borders, and masked.
+    /// The shares of the left and the right image that were masked as black borders.
     pub fn borders(&self) -> [f64; 2] {
         self.borders
     }
@@ -143,13 +143,13 @@ impl Pair {
         Ok(Self { left, right, overlays, ..self })
     }
 
-    /// The overlays of the images as they came, which are masked.
+    /// The overlays of the original images, which are masked.
     pub fn overlays(&self) -> &[Overlay] {
         &self.overlays
     }
 
-    /// The pair with how its blur is compensated before pixels are compared. The compensation gives the
-    /// impulses, too, which are repaired.
+    /// The pair with this blur compensation before pixels are compared. Impulses that it specifies are
+    /// repaired.
     pub fn with_blur_compensation(
         self,
         compensation: Option<BlurCompensation>,
@@ -164,8 +164,7 @@ impl Pair {
         Ok(Self { compensation, ..repaired.unwrap_or(self) })
     }
 
-    /// The pair without impulses that stand out by at least so much in the left and in the right image; 0:
-    /// there are none.
+    /// The pair without impulses of at least these heights in the left and the right image; 0: none.
     pub fn repaired(
         &self,
         [left, right]: [f64; 2],
@@ -193,7 +192,7 @@ impl Pair {
         Self { right: self.right.inverted(), ..self.clone() }
     }
 
-    /// The pair turned by a quarter, counterclockwise, to search these disparities along what were columns:
+    /// The pair turned by 90 degrees counterclockwise, to search these disparities along former columns:
     /// pixel (x, y) of the left image is (x, y - d) of the right one.
     pub fn turned(&self, min_disparity: i64, num_disparities: i64) -> Result<Self> {
         let candidates = Candidates::new(min_disparity, num_disparities, self.size().0)?;
@@ -232,7 +231,7 @@ impl Pair {
         self.candidates
     }
 
-    /// Whether rows and columns are exchanged, so that rows are searched that were columns.
+    /// Whether rows and columns are exchanged, so that former columns are searched.
     pub fn is_turned(&self) -> bool {
         self.is_turned
     }
@@ -269,7 +268,7 @@ fn check_sizes((rows, cols): (usize, usize), right: (usize, usize)) -> Result<()
     Err(Error::value("right", got, format!("the size of left, {rows} x {cols}")))
 }
 
-/// Whether the pixels of both images are of one type.
+/// Whether the pixels of both images have the same type.
 pub fn is_same_type(left: &Input, right: &Input) -> bool {
     mem::discriminant(&left.image) == mem::discriminant(&right.image)
 }

@@ -1,8 +1,8 @@
-//! The memory model: an upper bound of the bytes that a match takes, by which out-of-core matching plans its
-//! bands.
+//! The memory model: an upper bound of the bytes that a match takes. Out-of-core matching plans its bands by
+//! it.
 //!
 //! Each stage reports the bytes that grow with the rows (images, descriptions, maps) and those of each
-//! thread. A match takes 67 to 99 % of the bound, with synthesis 39 %, as `tests/rust/footprint.rs` measures
+//! thread. A match takes 67 to 99 % of the bound, 39 % with synthesis; `tests/rust/footprint.rs` measures it
 //! for each kind.
 
 use crate::cost::{Description, Descriptions};
@@ -17,8 +17,8 @@ use crate::refinement::Refinement;
 const PHASES: [&[&dyn Stage]; 3] =
     [&[&Images, &Description], &[&Images, &Descriptions, &TextureAndEdges, &Search], &[&Images, &Refinement]];
 
-/// An upper bound of the bytes that a match of `rows` takes, with the rows of its halo; `u64::MAX` where
-/// these are more.
+/// An upper bound of the bytes that a match of `rows`, including their halo, takes; `u64::MAX` if it is
+/// larger.
 pub fn bytes(demand: &Demand, rows: usize) -> u64 {
     let halo = Halo::new(demand.plan);
     let read = rows + 2 * (halo.rows() + halo.masked);
@@ -34,7 +34,7 @@ pub fn bytes(demand: &Demand, rows: usize) -> u64 {
     u64::try_from(bytes).unwrap_or(u64::MAX)
 }
 
-/// A product that may be larger than memory.
+/// A product that may exceed the size of memory.
 fn times(count: usize, bytes: usize) -> u128 {
     count as u128 * bytes as u128
 }

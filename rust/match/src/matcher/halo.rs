@@ -1,5 +1,5 @@
-//! The halo: how many rows above and below its own a disparity depends on. A part of a pair with its halo is
-//! matched to the bit as in the whole pair.
+//! The halo: the rows above and below its own that a disparity depends on. A part of a pair with its halo is
+//! matched bit for bit as in the whole pair.
 
 use crate::cost::Description;
 use crate::cost::aggregation::Aggregation;
@@ -19,7 +19,7 @@ pub struct Halo {
     pub images: usize,
     /// Rows of the unrefined map on which one refined row depends.
     pub map: usize,
-    /// Further rows of the images on which gray values depend where rows are masked.
+    /// Further rows of the images that gray values depend on, if rows are masked.
     pub masked: usize,
 }
 
@@ -27,7 +27,7 @@ impl Halo {
     /// The halo of a match: the sum of the reaches of its stages.
     pub fn new(plan: Plan) -> Self {
         let description = Description.reach(plan) + Aggregation.reach(plan);
-        // The texture is read beside the costs.
+        // The texture is read in parallel to the costs.
         let compared = (description + Search.reach(plan)).max(TextureAndEdges.reach(plan));
         let images = compared + Images.reach(plan);
 

@@ -1,4 +1,4 @@
-//! The disparity map before and while it is refined: tasks write bands of it, then it is refined as a whole.
+//! The disparity map before and during refinement: tasks write bands of it, then it is refined as a whole.
 
 use std::ops::Range;
 
@@ -39,14 +39,14 @@ impl DraftMap {
         })
     }
 
-    /// Consecutive bands of the map: `rows` are rows of the pair, of which the first is the map's first.
+    /// Consecutive bands of the map: `rows` are rows of the pair, the first of which is the map's first.
     pub fn bands(&mut self, rows: impl Iterator<Item = Range<usize>>) -> Vec<MapBand<'_>> {
         let cols = self.disparity.cols();
         let mut disparity = self.disparity.as_mut_slice();
         let mut flags = self.flags.as_mut_slice();
         let mut votes = self.votes.as_mut().map(Plane::as_mut_slice);
 
-        // Each call takes the band's pixels off the front of what is left of the planes.
+        // Each call takes the band's pixels off the front of the rest of the planes.
         let band = |rows: Range<usize>| {
             let places = rows.len() * cols;
             MapBand {

@@ -1,13 +1,13 @@
-//! The matcher, threads and control of an estimation and a whole match.
+//! The matcher, threads and control that estimations and a whole match use.
 
 use crate::base::control::Control;
 use crate::base::simd::Level;
 use crate::matcher::{Execution, Matcher};
 
-/// The matcher, how it works, and what may end it.
+/// The matcher, its threads and instructions, and the control that may stop it.
 #[derive(Clone, Copy)]
 pub struct Runtime<'a> {
-    /// The matcher for rough matches, on whose threads all work is done.
+    /// The matcher for rough matches; all work is done on its threads.
     pub matcher: &'a Matcher,
     /// Threads and instructions.
     pub execution: Execution,

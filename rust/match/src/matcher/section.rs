@@ -1,8 +1,8 @@
 //! Rows of a pair that are matched by themselves.
 //!
-//! Nothing that a match computes depends on which other rows are wanted. So rows equal those of the whole
-//! pair if the part at hand holds their halo: [`crate::matcher::halo::Halo::rows`] on either side, as far as
-//! the image has them.
+//! Nothing that a match computes depends on which other rows are requested. So rows equal those of the whole
+//! pair if the part contains their halo: [`crate::matcher::halo::Halo::rows`] on either side, as far as the
+//! image extends.
 
 use std::ops::Range;
 
@@ -12,13 +12,12 @@ use crate::optimization::panel_ranges::PanelRanges;
 use crate::pair::Pair;
 use crate::refinement::calibration::Tally;
 
-/// Rows of a pair that are matched by themselves, and what refers to the whole pair that this one is a part
-/// of.
+/// Rows of a pair that are matched by themselves, with data about the whole pair that this one is a part of.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Section {
     /// The rows.
     pub rows: Range<usize>,
-    /// The row of the whole pair that is the first of this one.
+    /// The row of the whole pair that is the first row of this one.
     pub first: usize,
     /// The roughness of the whole left image; `None`: the pair is the whole.
     pub roughness: Option<Roughness>,
@@ -34,12 +33,12 @@ impl Section {
         Self { rows: 0..pair.size().0, first: 0, roughness: None, ranges: None, tally: None }
     }
 
-    /// The rows and up to `by` more on either side, as far as the pair has them.
+    /// The rows and up to `by` more on either side, within the pair.
     pub fn widened(&self, by: usize, pair: &Pair) -> Range<usize> {
         self.rows.start.saturating_sub(by)..(self.rows.end + by).min(pair.size().0)
     }
 
-    /// Refuses rows that the pair does not have.
+    /// Refuses rows that are outside the pair.
     pub fn check(&self, pair: &Pair) -> Result<()> {
         let Range { start, end } = self.rows.clone();
         let height = pair.size().0;

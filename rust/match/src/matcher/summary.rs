@@ -15,14 +15,14 @@ pub struct Summary {
     pub estimated: f64,
     /// Share that fails the left-right check or is a speckle.
     pub flagged: f64,
-    /// Share with an estimate of its own at the least disparity that was searched.
+    /// Share with an estimate of its own at the smallest searched disparity.
     pub at_low: f64,
-    /// The same at the largest one.
+    /// Share with one at the largest.
     pub at_high: f64,
     /// Mean confidence; NaN if no confidence was computed.
     pub confidence: f64,
-    /// Estimated share of the pixels with an estimate whose disparity is off by more than 1 px: what their
-    /// mean confidence lacks to 1, or without confidences that of some rows. NaN where nothing is known.
+    /// Estimated share of the pixels with an estimate whose disparity is off by more than 1 px: 1 minus their
+    /// mean confidence, or without confidences from that of some rows. NaN if unknown.
     pub wrong: f64,
     /// Share whose disparity is that of a smaller copy.
     pub coarse: f64,
@@ -30,9 +30,9 @@ pub struct Summary {
     pub inferred: f64,
     /// Share whose disparity is that of a second map.
     pub second: f64,
-    /// Where smaller copies decided, the images hold no detail finer than this, pixels; NaN if none did.
+    /// Where smaller copies decided, the finest detail of the images, pixels; NaN if none did.
     pub detail: f64,
-    /// Whether smaller copies and planes were left out, since the budget had no time for them.
+    /// Whether the budget left no time for smaller copies and planes.
     pub is_cut_short: bool,
 }
 
@@ -54,7 +54,7 @@ struct PixelCounts {
 
 /// Pixels that are summed in 32 bits.
 const PART: usize = 2048;
-/// Flags of pixels whose disparity is not that of a match within the image.
+/// Flags of pixels whose disparity does not come from a match within the image.
 const FOREIGN: u16 = flag::OUTSIDE | flag::FILLED | flag::INFERRED | flag::COARSE | flag::SECOND;
 
 impl Summary {

@@ -1,5 +1,5 @@
-//! Where the gray values of the left image jump from one pixel to the next: disparities may jump there, too,
-//! so P2 is lower (adaptive P2; Hirschmüller, PAMI 2008, section 2.2).
+//! Jumps of the left image's gray values from one pixel to the next: disparities may jump there, too, so P2
+//! is lower (adaptive P2; Hirschmüller, PAMI 2008, section 2.2).
 
 use crate::base::control::Control;
 use crate::base::error::Result;
@@ -13,7 +13,7 @@ use crate::settings::Settings;
 /// Rows that are classified together.
 const ROWS: usize = 32;
 
-/// Neighbors of a pixel that come before it row by row.
+/// Neighbors that precede a pixel in row-major order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Neighbor {
     /// Above.
@@ -30,11 +30,11 @@ impl Neighbor {
     }
 }
 
-/// The jumps from both neighbors of every pixel, two bits each. Rows below the last one are as the last one.
+/// The jumps from both neighbors of every pixel, two bits each. Rows below the last one equal the last one.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Edges(Plane<u8>);
 
-/// The jumps of the gray values of the left image, which exist already.
+/// The jumps of the left image's gray values, which already exist.
 pub struct TextureAndEdges;
 
 impl Stage for TextureAndEdges {
@@ -49,13 +49,13 @@ impl Stage for TextureAndEdges {
 }
 
 impl Edges {
-    /// A jump is small where it is larger than the mean difference of horizontal neighbors times `threshold`,
-    /// in whole steps, and large where it is larger than [`LARGE_JUMP`] times that. The mean makes it
-    /// independent of the contrast and the unit.
+    /// A jump is small if it exceeds the mean difference of horizontal neighbors times `threshold`, in whole
+    /// steps, and large if it exceeds [`LARGE_JUMP`] times that. The mean makes it independent of contrast
+    /// and unit.
     pub fn new(texture: &Texture, threshold: f64, level: Level, control: &Control) -> Result<Self> {
         let gray = &texture.gray;
         let (rows, cols) = (gray.rows(), gray.cols());
-        // The cast saturates, at more than any difference of gray values.
+        // The cast saturates above any difference of gray values.
         let small = (threshold * texture.roughness.mean()) as u32;
 
         let classes = Plane::by_bands((rows, cols), ROWS, |first, band| {
@@ -72,7 +72,7 @@ impl Edges {
         Ok(Self(classes))
     }
 
-    /// The jumps in an image, if the settings lower P2 at them; else rows of `cols` columns without jumps.
+    /// The jumps in an image if the settings lower P2 there; else rows of `cols` columns without jumps.
     pub fn asked_for(
         texture: Option<&Texture>,
         settings: &Settings,

@@ -1,7 +1,7 @@
-//! Devices that search instead of the core: what they are asked for.
+//! The interface of devices that search instead of the core.
 //!
-//! An engine computes the same bits as the core, so that a match may change between the two at any chunk: a
-//! device that does not take some settings, is lost, or has too little memory leaves its chunk to the core.
+//! An engine computes the same bits as the core, so a match may switch between the two at any chunk: if a
+//! device does not support the settings, is lost, or runs out of memory, the core does its chunk.
 
 use std::fmt::Debug;
 use std::ops::Range;
@@ -11,16 +11,16 @@ use crate::optimization::evidence::Evidence;
 use crate::optimization::memory::Width;
 use crate::optimization::{AggregatedCosts, CandidateSearch};
 
-/// Neighboring bands of a match, and how their candidates are searched.
+/// Neighboring bands of a match, and how to search their candidates.
 #[derive(Clone, Copy)]
 pub struct Chunk<'a> {
-    /// Penalties, edges, the range, and what is needed beside the chosen candidates. Bands are those of
+    /// Penalties, edges, range, and the outputs needed besides the chosen candidates. Bands are those of
     /// [`CandidateSearch::bands`].
     pub search: &'a CandidateSearch<'a>,
-    /// The window, and the costs of pixels or the codes that they are the distances of
+    /// The window, and the costs of pixels or the codes whose distances they are
     /// ([`Costs::codes`](crate::cost::Costs::codes)).
     pub source: AggregatedCosts<'a>,
-    /// The narrowest integers that hold every sum and every total.
+    /// The narrowest integers that hold all sums and totals.
     pub width: Width,
 }
 
@@ -62,13 +62,13 @@ pub struct Chunk<'a> {
 /// # Ok::<(), phasestereo_match::base::error::Error>(())
 /// ```
 pub trait Engine: Debug + Send + Sync {
-    /// Chooses candidates for some rows of an image, to the bit as [`CandidateSearch::choose`] does for each
-    /// of their bands, beside the chosen candidates in rows that are weighed; row 0 of the evidence is the
-    /// first of these rows. `false`: the engine does not take the chunk, or failed, and the core searches it.
-    /// The error is that of a match that was cancelled, or that has too little memory for the evidence.
+    /// Chooses candidates for some rows of an image, bit for bit like [`CandidateSearch::choose`] in each of
+    /// their bands; besides the chosen candidates only for weighed rows. Row 0 of the evidence is the first
+    /// of these rows. `false`: the engine does not support the chunk, or failed, and the core searches it. An
+    /// error means that the match was cancelled, or that the evidence does not fit in memory.
     fn choose(&self, rows: Range<usize>, chunk: &Chunk, evidence: &mut Evidence) -> Result<bool>;
 
-    /// Why it no longer searches: a device that was lost, say. `None`: nothing failed.
+    /// Why it no longer searches, for example a lost device. `None`: nothing failed.
     fn failure(&self) -> Option<String> {
         None
     }

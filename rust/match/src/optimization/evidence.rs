@@ -5,7 +5,7 @@ use crate::base::error::Result;
 use crate::base::memory::Memory;
 use crate::base::value::ROWS;
 
-/// The cost of no candidate.
+/// The cost when there is no candidate.
 pub const NONE: u32 = u32::MAX;
 
 /// The evidence of the pixels of a band, row after row.
@@ -25,22 +25,22 @@ pub struct EvidenceRow<'a> {
     pub chosen: &'a [u16],
     /// Their costs.
     pub best: &'a [u32],
-    /// The second-best costs: the least ones of candidates not next to the chosen ones, which see the same
-    /// match. [`NONE`]: no such candidate.
+    /// The second-best costs: the lowest among candidates not next to the chosen ones, since neighbors see
+    /// the same match. [`NONE`]: no such candidate.
     pub second_best: &'a [u32],
     /// Sub-pixel offsets of the matches from the chosen candidates, pixels.
     pub offset: &'a [f32],
 }
 
 impl EvidenceRow<'_> {
-    /// The chosen candidates alone.
+    /// Only the chosen candidates.
     pub fn bare(self) -> Self {
         Self { best: &[], second_best: &[], offset: &[], ..self }
     }
 }
 
 impl Evidence {
-    /// Sizes the buffers for a band. Unless the band is weighed, only the chosen candidates are kept.
+    /// Sizes the buffers for a band. If the band is not weighed, only the chosen candidates are kept.
     pub fn begin(&mut self, rows: usize, cols: usize, is_weighed: bool) -> Result<()> {
         self.cols = cols;
         self.chosen.resize(rows * cols)?;
@@ -68,7 +68,7 @@ impl Evidence {
         write(&mut self.offset[place..], found.offset);
     }
 
-    /// The evidence of a row; beside the chosen candidates empty unless the band is weighed.
+    /// The evidence of a row; unless the band is weighed, all but the chosen candidates is empty.
     pub fn row(&self, row: usize) -> EvidenceRow<'_> {
         let places = row * self.cols..(row + 1) * self.cols;
         let weighed = if self.best.is_empty() { 0..0 } else { places.clone() };

@@ -1,39 +1,39 @@
-//! The kernels that devices search with: their text in WGSL, their buffers, and the order in which they run.
+//! The kernels that devices search with: their WGSL text, their buffers, and the order in which they run.
 
 use crate::optimization::tasks::{MOST_RADIUS, Task};
 use crate::optimization::{BAND, LOOKAHEAD_COLUMNS, LOOKAHEAD_ROWS, PANEL};
 
-/// All kernels, which it describes, after the [`constants`].
+/// All kernels, with their documentation; to be compiled after the [`constants`].
 pub const SHADER: &str = include_str!("search.wgsl");
 
-/// Buffers of a task, by their bindings: its numbers, left and right codes, pixels; costs, totals, totals from
-/// below, and what is found.
+/// Buffers of a task, by their bindings: its numbers, left and right codes, pixels; costs, totals, totals
+/// from below, and results.
 pub const BUFFERS: usize = 8;
-/// The buffer of what is found.
+/// The buffer of results.
 pub const FOUND: usize = BUFFERS - 1;
 
-/// Bytes of the largest volume of costs or totals, unless a device has its own limit: not swept, for lack of a
-/// device.
+/// Bytes of the largest volume of costs or totals, unless a device has its own limit. Not swept, for lack of
+/// a device.
 pub const MOST_BYTES: u64 = 256 << 20;
 
-/// Threads of a workgroup, at least: those of a path, or of several. It is the width of most GPUs.
+/// Minimum threads of a workgroup: those of one path, or of several. It is the width of most GPUs.
 const THREADS: u32 = 32;
-/// Words and columns of a workgroup that sums, and rows that it sums one after another. Not swept, for lack of
-/// a device, as the next one.
+/// Words and columns of a workgroup that sums, and rows that it sums one after another. Not swept, like the
+/// next one, for lack of a device.
 const SUMMED_WORDS: u32 = 8;
 const SUMMED_COLUMNS: u32 = 32;
-// Some of the columns that are summed are those of windows' centers.
+// Some of the summed columns must be those of window centers.
 const _: () = assert!(SUMMED_COLUMNS > 2 * MOST_RADIUS as u32);
 const SUMMED_ROWS: u32 = 64;
 /// Columns of a workgroup that chooses.
 const CHOSEN_COLUMNS: u32 = 64;
 
-/// Paths of a workgroup, where each has this many threads.
+/// Paths of a workgroup, each with this many threads.
 fn paths(words: u32) -> u32 {
     (THREADS / words).max(1)
 }
 
-/// What the kernels need to know before they are compiled, for a number of words of the candidates of a pixel.
+/// The constants that the kernels are compiled with, for a number of words of a pixel's candidates.
 pub fn constants(words: u32) -> String {
     let paths = paths(words);
     format!(

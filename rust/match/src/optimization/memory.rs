@@ -14,7 +14,7 @@ const EVIDENCE_BYTES: usize = 14;
 /// Bytes of a pixel of the map: disparity, flags, support.
 const MAP_BYTES: usize = 10;
 
-/// The integers that costs and totals are kept in.
+/// The integers that store costs and totals.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Width {
     /// Of 8 bits.
@@ -77,7 +77,7 @@ impl Stage for Search {
     }
 }
 
-/// Bytes that one thread searches in: its [`Workspace`](crate::optimization::Workspace).
+/// Bytes of the [`Workspace`](crate::optimization::Workspace) that one thread searches in.
 pub fn workspace(demand: &Demand) -> usize {
     let Demand { plan: Plan { settings, .. }, cols, candidates, .. } = *demand;
     let ceiling = ceiling_of(settings);
@@ -89,7 +89,7 @@ pub fn workspace(demand: &Demand) -> usize {
     // left.
     let seen = PANEL + LOOKAHEAD_COLUMNS;
     let places = |columns: usize| columns.div_ceil(STRIP) * STRIDE;
-    // The bands of low images are no higher.
+    // The bands of low images are no taller.
     let band = band_height(settings.optimizer, candidates, usize::MAX);
     let (rows, cols, totals) = match settings.optimizer {
         Optimizer::SemiGlobal => {
@@ -97,15 +97,15 @@ pub fn workspace(demand: &Demand) -> usize {
         }
         Optimizer::ScanlineOptimization => (band, seen, band * (1 + places(PANEL)) * runs),
         Optimizer::WinnerTakesAll => (BAND, PANEL, 0),
-        // Works on whole rows, the other optimizers on panels of columns.
+        // It works on whole rows, the other optimizers on panels of columns.
         Optimizer::DynamicProgramming => (ORDERED_ROWS, cols, 0),
     };
 
     let is_whole = settings.optimizer == Optimizer::DynamicProgramming;
     let around = seen + 2 * window.halo();
 
-    // Of a line of candidates: costs and votes of the rows of a window and of the one that has left it, their
-    // sums, and sums of windows.
+    // For a line of candidates: costs and votes of the rows of a window and of the one that has left it,
+    // their sums, and sums of windows.
     let summed = 2 * (window.side + 2) * around + (window.side + 1) * around;
 
     // The paths themselves, along rows and along columns, at two pixels each, and the sums of a row.

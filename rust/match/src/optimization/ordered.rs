@@ -1,7 +1,7 @@
 //! Dynamic programming along rows under the ordering constraint (paper, section 2.3).
 //!
-//! From a pixel to the next the disparity stays, rises by one at a penalty of P1, or drops to any smaller one
-//! at a penalty of P2: the right coordinate `x - d` must not run backwards.
+//! From one pixel to the next, the disparity stays, rises by one at a penalty of P1, or drops to any smaller
+//! one at a penalty of P2: the right coordinate `x - d` must not decrease.
 //!
 //! ```text
 //! D(x, k) = C(x, k) + min(D(x-1, k),                      # it stayed
@@ -9,16 +9,15 @@
 //!                         min over i > k of D(x-1, i) + P2)    # it dropped
 //! ```
 //!
-//! The path is traced back from the least total at the last pixel. Among equal totals staying wins, then the
-//! smaller origin.
+//! The path is traced back from the smallest total at the last pixel. Among equal totals, staying wins, then
+//! the smaller origin.
 //!
-//! The minimum over `i > k` runs from the largest candidate down, so there is nothing to do at once within a
-//! row. But rows do not depend on one another: [`ROWS`] of them are neighboring lanes. Costs have neighboring
-//! candidates, so they are transposed, a run of candidates of all rows at a time.
+//! The minimum over `i > k` runs from the largest candidate down, so nothing can be vectorized within a row.
+//! But rows do not depend on each other: [`ROWS`] of them are neighboring lanes. Costs have neighboring
+//! candidates, so they are transposed, one run of candidates of all rows at a time.
 //!
-//! Of each total a byte is kept: whether it stayed, rose or dropped, and whether its predecessor `D(x-1, k)`
-//! is not larger than those of all larger candidates. What dropped to `k` came from the first such candidate
-//! above `k`.
+//! One byte is kept per total: whether it stayed, rose or dropped, and whether its predecessor `D(x-1, k)` is
+//! at most those of all larger candidates. A drop to `k` came from the first such candidate above `k`.
 
 use crate::base::control::Control;
 use crate::base::error::Result;
@@ -31,17 +30,17 @@ use crate::optimization::penalties::{LARGEST_SUMMED_PENALTY, Penalties};
 /// Rows whose paths are found together: a power of two.
 pub const ROWS: usize = 16;
 
-/// Origins of a total: a rise, a drop, or else the same candidate.
+/// Origins of a total: a rise, a drop, or otherwise the same candidate.
 const ROSE: u8 = 1;
 const DROPPED: u8 = 2;
-/// Set beside it where the total before is not larger than those of all larger candidates.
+/// Set in addition if the previous total is at most those of all larger candidates.
 const LEAST: u8 = 4;
 
 /// Chooses candidates for a few rows at a time; its buffers are reused.
 #[derive(Debug, Default)]
 pub struct Ordered {
-    /// The totals of each candidate, of all rows, after a place that nothing rises from; in the integers that
-    /// hold them.
+    /// The totals of each candidate, of all rows, after a place that nothing rises from; in the narrowest
+    /// integers that hold them.
     narrow: Memory<u32>,
     wide: Memory<u64>,
     /// The origin of each total: candidate by candidate of one pixel after another, of all rows.
@@ -51,7 +50,7 @@ pub struct Ordered {
 }
 
 impl Ordered {
-    /// Chooses candidates for the pixels of up to [`ROWS`] whole rows, from their aggregated costs; row after
+    /// Chooses candidates for the pixels of up to [`ROWS`] whole rows from their aggregated costs, row after
     /// row.
     pub fn choose<V: Value>(
         &mut self,
@@ -66,8 +65,8 @@ impl Ordered {
 
         let Self { narrow, wide, origins, chosen } = self;
         let pass = Pass { block, costs, candidates, penalties };
-        // A path that stays costs no more than all of its pixels, so no least total does, and none but by a
-        // penalty.
+        // A path that stays costs at most all of its pixels, so no smallest total exceeds that, and no other
+        // total exceeds it by more than a penalty.
         let largest =
             (V::LARGEST_TOTAL.saturating_mul(cols as u64 + 1)).saturating_add(2 * LARGEST_SUMMED_PENALTY);
         let last = if largest <= u32::MAX.into() {
@@ -127,8 +126,8 @@ struct Pass<'a, V> {
 }
 
 impl<V: Value> Pass<'_, V> {
-    /// Finds the totals at the last pixel of all rows, and how each total came about; returns the first least
-    /// candidates.
+    /// Finds the totals at the last pixel of all rows, and the origin of every total; returns the first
+    /// smallest candidates.
     fn forward<W: Total>(
         self,
         totals: &mut Memory<W>,
@@ -184,8 +183,8 @@ impl<V: Value> Pass<'_, V> {
     }
 }
 
-/// Extends the best paths of all rows through the columns of a strip. `penalties`: P1 and P2. `origins`: the
-/// origins of the totals of the strip, to be written.
+/// Extends the best paths of all rows through the columns of a strip. `penalties`: P1 and P2. `origins`:
+/// receives the origins of the strip's totals.
 #[leveled]
 fn extend<V: Value, W: Total>(
     level: Level,
@@ -204,7 +203,7 @@ fn extend<V: Value, W: Total>(
     let [mut rows, mut spare] = [[[V::default(); LANES]; ROWS]; 2];
 
     for (x, origins) in origins.chunks_exact_mut(candidates).enumerate() {
-        // Of no candidate yet, but P2 can be added without overflow.
+        // No candidate yet, but P2 can be added without overflow.
         let mut least = [W::MOST.minus(p2); ROWS];
 
         for run in (0..runs).rev() {
@@ -228,7 +227,7 @@ fn extend<V: Value, W: Total>(
     }
 }
 
-/// The best totals of all rows before the costs of a pixel, and how they came about.
+/// The best totals of all rows before a pixel's costs are added, and their origins.
 #[inline(always)]
 fn step<W: Total>(
     stayed: [W; ROWS],
@@ -267,9 +266,9 @@ fn lesser<W: Total>(mut values: [W; ROWS], others: [W; ROWS]) -> [W; ROWS] {
 
 /// Runs of candidates of all rows -> all rows of each candidate, in the same place.
 ///
-/// A place has a number of 9 bits, those of the row before those of the candidate. Interleaving both halves
-/// of all places moves the highest bit behind the others, so as often as a row has bits, they are behind
-/// those of the candidate.
+/// A place has a 9-bit number, the bits of the row before those of the candidate. Interleaving both halves of
+/// all places moves the highest bit behind the others; doing so once per bit of a row moves the row's bits
+/// behind those of the candidate.
 #[inline(always)]
 fn transpose<V: Value>(rows: &mut [Lanes<V>; ROWS], spare: &mut [Lanes<V>; ROWS]) {
     for _ in 0..ROWS.ilog2() / 2 {

@@ -1,9 +1,8 @@
-//! The candidates that are searched in each panel of each band, where a match of a smaller copy has narrowed
-//! them.
+//! The candidates that are searched in each panel of each band, narrowed by a match of a smaller copy.
 //!
-//! A panel is matched as if all other candidates cost more than any: in its look-ahead, too, so it depends on
-//! no other panel but by its paths from the left. At a panel's first pixel a path comes from a candidate that
-//! both panels have, by a step, or by a jump from the least total of all before.
+//! A panel is matched as if all other candidates cost more than any, in its look-ahead, too. So it depends on
+//! other panels only through its paths from the left. At a panel's first pixel, a path comes from a candidate
+//! that both panels have, by a step, or by a jump from the smallest total of all previous ones.
 
 use std::ops::Range;
 
@@ -20,8 +19,7 @@ pub struct PanelRanges {
 }
 
 impl PanelRanges {
-    /// The candidates that `searched` returns for the rows and columns of each panel of an image of this
-    /// size.
+    /// Calls `searched` with the rows and columns of each panel of an image of this size for its candidates.
     pub fn new((rows, cols): (usize, usize), searched: impl Fn([Range<usize>; 2]) -> Searched) -> Self {
         let bands = (0..rows).step_by(BAND).map(|y| y..(y + BAND).min(rows));
         let panel = |x: usize| x..(x + PANEL).min(cols);
@@ -33,7 +31,7 @@ impl PanelRanges {
         Self { panels: cols.div_ceil(PANEL), searched: bands.flat_map(of_band).collect() }
     }
 
-    /// The candidates of the panel that has row `y` and column `x` of the whole image.
+    /// The candidates of the panel that contains row `y` and column `x` of the whole image.
     pub fn at(&self, y: usize, x: usize) -> Searched {
         self.searched[y / BAND * self.panels + x / PANEL]
     }

@@ -18,12 +18,12 @@
 //! FAR ... FAR | L(p-1, 0) L(p-1, 1) ... | FAR ... FAR
 //! ```
 //!
-//! The pixels of a panel lie in strips of [`STRIP`] columns, and in each row by row ([`PixelBlock::place`]).
-//! So sixteen pixels of a row are neighbors, and the next row of the strip follows them: paths along columns
-//! stay on few pages, too.
+//! The pixels of a panel lie in strips of [`STRIP`] columns, and in each strip row by row
+//! ([`PixelBlock::place`]). So sixteen pixels of a row are neighbors, and the next row of the strip follows
+//! them: paths along columns stay on few pages, too.
 //!
-//! A step has to wait for the minimum of the one before. To keep the processor busy meanwhile, sixteen paths
-//! are extended in turn, along neighboring rows or columns.
+//! A step has to wait for the minimum of the previous one. To keep the processor busy meanwhile, sixteen
+//! paths along neighboring rows or columns are extended in turn.
 
 use std::ops::Range;
 
@@ -39,14 +39,14 @@ use crate::optimization::penalties::Penalties;
 use crate::optimization::selection::{PIXELS, Selection};
 use crate::pair::candidates::Searched;
 
-/// Columns of a strip: the values of a panel lie in memory strip after strip, and in each strip row by row.
-/// So paths along columns go through neighboring memory, too, not from page to page, and take 2 to 4 % less
+/// Columns of a strip: the values of a panel are stored strip by strip, and in each strip row by row. So
+/// paths along columns read neighboring memory, too, instead of jumping between pages, and take 2 to 4 % less
 /// time.
 pub const STRIP: usize = PIXELS;
 /// Places from one row of a strip to the next: [`PixelBlock::stride`].
 pub const STRIDE: usize = STRIP + GAP;
 
-/// P1, and P2 by the jump of the gray values: the whole of it, half, and a third, but not less than P1.
+/// P1, and P2 by the jump of the gray values: all, half or a third of it, but at least P1.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct AdaptivePenalties<T> {
     p1: T,
@@ -57,7 +57,7 @@ impl<T: Value> AdaptivePenalties<T> {
     /// The penalties in the integers of the totals.
     pub fn new(penalties: Penalties) -> Self {
         let [whole, half, third] = penalties.adaptive_p2().map(T::truncated);
-        // Jumps are 0 to 2; a fourth entry spares the check of an index of two bits.
+        // Jumps are 0 to 2; a fourth entry avoids checking an index of two bits.
         let p2 = [whole, half, third, third];
 
         Self { p1: T::truncated(penalties.p1), p2 }
@@ -74,7 +74,7 @@ pub struct Smoothness<'a, T> {
 }
 
 impl<T: Value> Smoothness<'_, T> {
-    /// P1, and P2 after the jumps from the row above to up to [`STRIP`] pixels.
+    /// P1, and P2 for up to [`STRIP`] pixels after the jumps from the row above.
     #[inline(always)]
     fn after_jumps_from_above(&self, edges: &[u8]) -> (T, [T; STRIP]) {
         let AdaptivePenalties { p1, p2: [whole, half, third, _] } = self.penalties;
@@ -86,7 +86,7 @@ impl<T: Value> Smoothness<'_, T> {
             None => jumps.iter_mut().zip(edges).for_each(|(jump, edges)| *jump = *edges),
         }
 
-        // In arithmetic on all pixels: a look-up would go pixel by pixel. Each mask is 0, or all bits.
+        // Arithmetic on all pixels at once: a look-up would go pixel by pixel. Each mask is 0, or all bits.
         let mut p2 = [whole; STRIP];
         for (p2, edges) in p2.iter_mut().zip(jumps) {
             let jump = Neighbor::Above.jump(edges);
@@ -105,7 +105,7 @@ impl<T: Value> Smoothness<'_, T> {
     }
 }
 
-/// Totals of up to [`STRIP`] paths, each at the last pixel that it has reached.
+/// Totals of up to [`STRIP`] paths, each at the last pixel it has reached.
 #[derive(Debug)]
 struct Paths<T> {
     /// Totals at the last pixel and at the next one, in either order: one path after another, each a run of
@@ -113,7 +113,7 @@ struct Paths<T> {
     totals: Memory<T>,
     /// Whether the totals at the last pixel come second.
     is_swapped: bool,
-    /// The least total of each path at the last pixel ...
+    /// The smallest total of each path at the last pixel ...
     least: [T; STRIP],
     /// ... and in each lane.
     lanes: LaneRows<T>,
@@ -159,7 +159,7 @@ impl<T: Value> Paths<T> {
         }
     }
 
-    /// Continues `paths` of rows from `first` on where they were left: `totals`, with places for `most` runs
+    /// Continues `paths` of rows from `first` on where they stopped: `totals`, with places for `most` runs
     /// each, and their `least`.
     #[inline(always)]
     fn restore(
@@ -200,8 +200,8 @@ impl<T: Value> Paths<T> {
         }
     }
 
-    /// Extends the paths that have costs to their next pixels, which have these values of P2, these costs,
-    /// and sinks for the totals.
+    /// Extends the paths that have costs to their next pixels, with these values of P2, these costs, and
+    /// sinks for the totals.
     #[inline(always)]
     fn extend<'c>(
         &mut self,
@@ -225,8 +225,8 @@ impl<T: Value> Paths<T> {
             let costs = &costs[..runs];
 
             // The recurrence of the module, a run of candidates at a time; `k-1` and `k+1` share the addition
-            // of P1. P2 meets what exceeds the least total, so that nothing waits for the least totals of all
-            // paths.
+            // of P1. P2 is compared with the excess over the smallest total, so that nothing waits for the
+            // smallest totals of all paths.
             let mut lanes = [T::FAR; LANES];
             for run in 0..runs {
                 let mut totals = [T::default(); LANES];
@@ -251,11 +251,11 @@ impl<T: Value> Paths<T> {
     }
 }
 
-/// Takes the totals of a pixel, one run of candidates after another.
+/// Receives the totals of a pixel, one run of candidates after another.
 trait Sink<T> {
     fn take(&mut self, run: usize, totals: Lanes<T>);
 
-    /// All of them have been taken.
+    /// Called after the last run.
     #[inline(always)]
     fn finish(self)
     where
@@ -278,7 +278,7 @@ fn discards() -> impl Iterator<Item = Discard> {
     [(); STRIP].iter().map(|()| Discard)
 }
 
-/// Writes the totals of a pixel; the path's next one lies this number of pixels further.
+/// Writes the totals of a pixel; the path's next one is this number of pixels further on.
 struct StoreTotals<'a, T>(&'a mut [Lanes<T>], isize);
 
 impl<T: Value> Sink<T> for StoreTotals<'_, T> {
@@ -289,8 +289,7 @@ impl<T: Value> Sink<T> for StoreTotals<'_, T> {
     }
 }
 
-/// Replaces the totals that are there by their mean with the new ones, rounded up; the path's next pixel
-/// follows.
+/// Replaces the stored totals by their mean with the new ones, rounded up; the path's next pixel follows.
 struct AverageTotals<'a, T>(&'a mut [Lanes<T>]);
 
 impl<T: Value> Sink<T> for AverageTotals<'_, T> {
@@ -303,8 +302,8 @@ impl<T: Value> Sink<T> for AverageTotals<'_, T> {
     }
 }
 
-/// Asks for the same run of the pixel `pixels` further, once for each line of the cache. Without that, paths
-/// wait for the places where their totals go; costs a processor fetches ahead by itself.
+/// Prefetches the same run of the pixel `pixels` further on, once for each cache line. Without it, paths wait
+/// for the places where their totals go; processors prefetch costs by themselves.
 #[inline(always)]
 fn fetch_next<T>(lanes: &[Lanes<T>], run: usize, pixels: isize) {
     if (run * size_of::<Lanes<T>>()).is_multiple_of(LINE) {
@@ -317,20 +316,20 @@ fn fetch_next<T>(lanes: &[Lanes<T>], run: usize, pixels: isize) {
 #[derive(Debug, Default)]
 pub struct Horizontal<T: Value> {
     paths: Paths<T>,
-    /// Totals of the paths from the left at the last column of the previous panel, row by row: places for
-    /// `most` runs.
+    /// Totals of the paths from the left at the last column of the previous panel, row by row, with places
+    /// for `most` runs.
     left: Memory<T>,
     most: usize,
-    /// The least total of each of these rows.
+    /// The smallest total of each of these rows.
     least: Memory<T>,
-    /// Half the sum of the totals of both paths, of the current panel.
+    /// Half the sum of the totals of both paths, for the current panel.
     means: RunMemory<T>,
-    /// P2 at each pixel of a few rows of the current panel and of its look-ahead columns, column by column.
+    /// P2 at each pixel of a few rows of the current panel and its look-ahead columns, column by column.
     p2: Memory<T>,
 }
 
 impl<T: Value> Horizontal<T> {
-    /// Starts a band of `rows`: every path from the left restarts, and no panel has more than `most` runs.
+    /// Starts a band of `rows`: all paths from the left restart, and no panel has more than `most` runs.
     pub fn begin(&mut self, rows: usize, most: usize) -> Result<()> {
         self.most = most;
         self.left.resize(rows * most * LANES)?;
@@ -343,8 +342,8 @@ impl<T: Value> Horizontal<T> {
         self.p2.resize((PANEL + 2 * STRIP) * STRIP)
     }
 
-    /// Goes on with other candidates than those `before`. Paths from the left reach those that were not
-    /// searched only by a jump, and keep nothing but the least total of those that are not searched any more.
+    /// Continues with other candidates than those `before`. Paths from the left reach newly searched
+    /// candidates only by a jump; of those no longer searched they keep only the smallest total.
     pub fn search(&mut self, before: Option<Searched>, searched: Searched) -> Result<()> {
         if let Some(before) = before {
             let (ends, width) = (before.runs() * LANES, searched.runs() * LANES);
@@ -377,13 +376,13 @@ impl<T: Value> Horizontal<T> {
 /// A panel of columns of a band.
 #[derive(Debug, Clone)]
 pub struct Panel<'a, T> {
-    /// The pixels of the band that are in it.
+    /// The pixels of the band in the panel.
     pub block: PixelBlock,
     /// The pixels that have costs: these, the look-ahead rows and the look-ahead columns.
     pub seen: PixelBlock,
     /// The costs of all these pixels.
     pub costs: &'a [Lanes<T>],
-    /// The candidates that they are of.
+    /// The candidates of these costs.
     pub searched: Searched,
 }
 
@@ -399,7 +398,7 @@ fn strip_rows<'a, V>(
     &values[place * runs..][..rows.len() * block.stride() * runs]
 }
 
-/// As [`strip_rows`], to be written.
+/// Like [`strip_rows`], writable.
 #[inline(always)]
 fn strip_rows_mut<'a, V>(
     values: &'a mut [V],
@@ -417,14 +416,14 @@ fn row_of<V>(values: &[V], row: usize, width: usize) -> &[V] {
     &values[row * width..(row + 1) * width]
 }
 
-/// As [`row_of`], to be written.
+/// Like [`row_of`], writable.
 #[inline(always)]
 fn row_of_mut<V>(values: &mut [V], row: usize, width: usize) -> &mut [V] {
     &mut values[row * width..(row + 1) * width]
 }
 
-/// The horizontal paths through a panel: those from the right start in the look-ahead, those from the left go
-/// on from the previous panel.
+/// The horizontal paths through a panel: those from the right start in the look-ahead, those from the left
+/// continue from the previous panel.
 #[derive(Debug)]
 pub struct HorizontalPass<'a, T: Value> {
     /// State of the paths.
@@ -440,7 +439,7 @@ impl<T: Value> Loop for HorizontalPass<'_, T> {
 
     #[inline(always)]
     fn run(mut self) {
-        // Usual numbers of runs as constants, so that the loop over runs is unrolled.
+        // Common numbers of runs as constants, so that the loop over runs is unrolled.
         match self.panel.searched.runs() {
             1 if !T::IS_RARE => self.through(1),
             2 if !T::IS_RARE => self.through(2),
@@ -462,7 +461,7 @@ impl<T: Value> HorizontalPass<'_, T> {
         }
     }
 
-    /// Finds P2 of a few rows, by the jumps from the left.
+    /// Finds P2 of a few rows from the jumps from the left.
     #[inline(always)]
     fn find_p2(&mut self, rows: &Range<usize>) {
         let Self { horizontal, panel, smoothness } = self;
@@ -479,7 +478,7 @@ impl<T: Value> HorizontalPass<'_, T> {
         }
     }
 
-    /// Paths from the right, which go left, along a few rows.
+    /// Paths from the right, going left, along a few rows.
     #[inline(always)]
     fn leftward(&mut self, rows: Range<usize>, runs: usize) {
         let Self { horizontal: Horizontal { paths, means, p2, .. }, panel, smoothness } = self;
@@ -488,8 +487,8 @@ impl<T: Value> HorizontalPass<'_, T> {
 
         paths.restart(runs);
         for (strip, columns) in seen.strips().enumerate().rev() {
-            // Pixel `x + 1` holds the jump between `x` and `x + 1`. At its first pixel a path has no jump to
-            // its right: all totals before it are 0, so any penalty does.
+            // Pixel `x + 1` holds the jump between `x` and `x + 1`. At its first pixel a path has no jump on
+            // its right: all previous totals are 0, so any penalty will do.
             let p2 = &p2.as_chunks::<STRIP>().0[strip * STRIP + 1..];
             let costs = strip_rows(panel.costs, seen, (strip, &rows), runs);
 
@@ -510,8 +509,8 @@ impl<T: Value> HorizontalPass<'_, T> {
         }
     }
 
-    /// Paths from the left, which go right, along a few rows: on from where they were at the end of the
-    /// previous panel.
+    /// Paths from the left, going right, along a few rows, from where they were at the end of the previous
+    /// panel.
     #[inline(always)]
     fn rightward(&mut self, rows: Range<usize>, runs: usize) {
         let Self { horizontal, panel, smoothness } = self;
@@ -522,7 +521,7 @@ impl<T: Value> HorizontalPass<'_, T> {
         let first = rows.start - block.rows.start;
         paths.restore(rows.len(), (left, *most), least, first, runs);
 
-        // The totals of the paths from the right are there: the mean with them replaces them.
+        // The totals of the paths from the right are stored; the mean with them replaces them.
         for (strip, columns) in block.strips().enumerate() {
             let p2 = &p2.as_chunks::<STRIP>().0[strip * STRIP..];
             let costs = strip_rows(panel.costs, seen, (strip, &rows), runs);
@@ -545,7 +544,7 @@ fn column<V>(rows: &[V], x: usize, runs: usize) -> impl Iterator<Item = &[V]> {
     rows.chunks_exact(STRIDE * runs).map(move |row| &row[x * runs..][..runs])
 }
 
-/// As [`column()`], to be written.
+/// Like [`column()`], writable.
 #[inline(always)]
 fn column_mut<V>(rows: &mut [V], x: usize, runs: usize) -> impl Iterator<Item = &mut [V]> {
     rows.chunks_exact_mut(STRIDE * runs).map(move |row| &mut row[x * runs..][..runs])
@@ -555,20 +554,20 @@ fn column_mut<V>(rows: &mut [V], x: usize, runs: usize) -> impl Iterator<Item = 
 #[derive(Debug, Default)]
 pub struct Vertical<T: Value> {
     paths: Paths<T>,
-    /// Totals of the paths from below, of the columns that are being worked on.
+    /// Totals of the paths from below, of the current columns.
     below: RunMemory<T>,
     /// The means of all paths' totals of one row of these columns.
     sums: RunMemory<T>,
 }
 
 impl<T: Value> Vertical<T> {
-    /// Sizes the buffers for a band of `rows`, of which no panel has more than `most` runs.
+    /// Sizes the buffers for a band of `rows`; no panel has more than `most` runs.
     pub fn begin(&mut self, rows: usize, most: usize) -> Result<()> {
         self.below.resize(rows * STRIP * most)?;
         self.sums.resize(STRIP * most)
     }
 
-    /// Goes on with other candidates.
+    /// Continues with other candidates.
     pub fn search(&mut self, searched: Searched) -> Result<()> {
         self.paths.begin(searched.runs())
     }
@@ -596,7 +595,7 @@ impl<T: Value> Loop for VerticalPass<'_, T> {
 
     #[inline(always)]
     fn run(mut self) {
-        // Usual numbers of runs as constants, so that the loop over runs is unrolled.
+        // Common numbers of runs as constants, so that the loop over runs is unrolled.
         match self.panel.searched.runs() {
             1 if !T::IS_RARE => self.through(1),
             2 if !T::IS_RARE => self.through(2),
@@ -630,7 +629,7 @@ impl<T: Value> VerticalPass<'_, T> {
         paths.restart(runs);
         for y in (rows.start..=last).rev() {
             // A row holds the jumps from the row above it, so these paths read the row below. At the first
-            // pixel any penalty does: all totals before it are 0.
+            // pixel any penalty will do: all previous totals are 0.
             let edges = &smoothness.edges.row((y + 1).min(last))[columns.clone()];
             let penalties = smoothness.after_jumps_from_above(edges);
             let costs = strip_rows(panel.costs, &panel.seen, (*strip, &(y..y + 1)), runs);
@@ -663,7 +662,7 @@ impl<T: Value> VerticalPass<'_, T> {
         }
     }
 
-    /// Paths from above through a row of the band: the last of the four, so the sums of all can be taken.
+    /// Paths from above through a row of the band: the last of the four, so all can be summed.
     #[inline(always)]
     fn downward(&mut self, y: usize, (strip, columns): &(usize, Range<usize>), runs: usize) {
         let Self { vertical, panel, smoothness, means, selection, .. } = self;
@@ -706,7 +705,7 @@ impl<T: Value> VerticalPass<'_, T> {
 }
 
 /// Writes the mean of the totals of all paths: the mean of the horizontal mean and the vertical one. Tracks
-/// the least.
+/// the minimum.
 struct AverageAll<'a, T> {
     means: &'a [Lanes<T>],
     below: &'a [Lanes<T>],

@@ -7,14 +7,14 @@
 //! offset      = the tip of a V through chosen - 1, chosen, chosen + 1
 //! ```
 //!
-//! While costs go by, each lane keeps its least one; at the end the least lanes of sixteen pixels are found
-//! together. The costs are then read twice more, from the first-level cache: to find where the least one is,
-//! by a bit mask of the lanes that are equal to it, and for the second-best cost, where the chosen candidate
-//! and its neighbors are masked.
+//! While costs stream by, each lane keeps its smallest one; at the end, the smallest lanes of sixteen pixels
+//! are found together. The costs are then read twice more from the first-level cache: to locate the smallest
+//! one, by a bit mask of the lanes equal to it, and for the second-best cost, with the chosen candidate and
+//! its neighbors masked.
 //!
-//! Pixels take one step after another together, each step a small loop of its best, since the compiler turns
-//! such loops into vector instructions. What is written pixel by pixel is read for all of them only some
-//! steps later: a processor has to wait if it reads in one piece what it has just written in many.
+//! Pixels go through the steps together, each step a small loop of its own, since the compiler turns such
+//! loops into vector instructions. Values written pixel by pixel are read for all pixels only some steps
+//! later: a processor has to wait if it reads in one piece what it has just written in many.
 
 use crate::base::error::Result;
 use crate::base::memory::Memory;
@@ -26,8 +26,8 @@ use crate::optimization::subpixel::{self, evidence};
 /// Pixels whose candidates are selected together.
 pub const PIXELS: usize = ROWS;
 
-/// The selection for up to [`PIXELS`] pixels. It lies behind a reference: of a local one the compiler would
-/// keep single lanes.
+/// The selection for up to [`PIXELS`] pixels. Access it through a reference: the compiler would split a local
+/// one into single lanes.
 #[derive(Debug)]
 pub struct Selection<T> {
     /// The least cost of each pixel in each lane.
@@ -36,10 +36,10 @@ pub struct Selection<T> {
     best: [T; PIXELS],
     /// Indices of the chosen candidates.
     chosen: [u16; PIXELS],
-    /// The largest number at three places in the middle, and 0 at all others. The part that has them at a
-    /// candidate and its neighbors masks their costs: the maximum with it leaves all other costs.
+    /// The largest number at three places in the middle, 0 at all others. The part that has them at a
+    /// candidate and its neighbors masks their costs: the maximum with it leaves all other costs unchanged.
     mask: Memory<T>,
-    /// Least costs of candidates not next to the chosen ones.
+    /// Smallest costs among candidates not next to the chosen ones.
     second_best: [u32; PIXELS],
     /// Sub-pixel offsets from the chosen candidates.
     offset: [f32; PIXELS],
@@ -69,13 +69,13 @@ impl<T: Value> Selection<T> {
         Ok(())
     }
 
-    /// The least cost of each pixel in each lane, to be written.
+    /// The smallest cost of each pixel in each lane, writable.
     #[inline(always)]
     pub fn least(&mut self) -> &mut [Lanes<T>; PIXELS] {
         &mut self.least.0
     }
 
-    /// Finds the least cost of each pixel in each lane.
+    /// Finds the smallest cost of each pixel in each lane.
     #[inline(always)]
     pub fn find_least(&mut self, totals: &[Lanes<T>], runs: usize) {
         for (least, totals) in self.least.0.iter_mut().zip(totals.chunks_exact(runs)) {
@@ -90,16 +90,16 @@ impl<T: Value> Selection<T> {
         }
     }
 
-    /// Finds the least cost of each pixel, from those of its lanes, and the first candidate that has it.
+    /// Finds the smallest cost of each pixel, from those of its lanes, and the first candidate that has it.
     #[inline(always)]
     pub fn settle(&mut self, totals: &[Lanes<T>], runs: usize) {
         let Self { least, best, chosen, .. } = self;
         *best = T::least_lanes(least);
-        // Pixels that are not used must not keep what was numbered before.
+        // Unused pixels must not keep old numbers.
         *chosen = [0; PIXELS];
 
         for ((chosen, best), totals) in chosen.iter_mut().zip(best).zip(totals.chunks_exact(runs)) {
-            // Neighbors mostly choose from the same run, so that a processor foresees where this ends.
+            // Neighbors mostly choose from the same run, so the processor predicts where this ends.
             for (run, totals) in totals.iter().enumerate() {
                 let mut is_best = [0; LANES];
                 for j in 0..LANES {
@@ -121,7 +121,7 @@ impl<T: Value> Selection<T> {
         &self.chosen[..pixels]
     }
 
-    /// Numbers the chosen candidates among all, where those that were searched begin with `start`.
+    /// Renumbers the chosen candidates among all, given the `start` of those that were searched.
     #[inline(always)]
     pub fn number_from(&mut self, start: usize) {
         for chosen in &mut self.chosen {
@@ -129,15 +129,15 @@ impl<T: Value> Selection<T> {
         }
     }
 
-    /// Sets the candidate chosen for a pixel and its cost, where something else has chosen.
+    /// Sets the candidate chosen for a pixel and its cost, if the choice was made elsewhere.
     #[inline(always)]
     pub fn choose(&mut self, pixel: usize, chosen: u16, best: T) {
         (self.chosen[pixel], self.best[pixel]) = (chosen, best);
     }
 
     /// Finds the second-best cost and the sub-pixel offset of the chosen candidates, for pixels with
-    /// `candidates` in `runs`. `totals` decided; `costs` are the costs of the pixels alone, if totals are of
-    /// paths.
+    /// `candidates` in `runs`. `totals` made the choice; `costs` are those of the pixels alone, if totals are
+    /// of paths.
     #[inline(always)]
     pub fn weigh(
         &mut self,
@@ -164,7 +164,7 @@ impl<T: Value> Selection<T> {
             }
         }
 
-        // The least of the costs that are not masked is the second-best one.
+        // The smallest cost that is not masked is the second-best one.
         let middle = mask.len() / 2;
         let pixels = least.0.iter_mut().zip(&*chosen).zip(totals.chunks_exact(runs));
         for ((least, chosen), totals) in pixels {
@@ -182,7 +182,7 @@ impl<T: Value> Selection<T> {
 
         let others = T::least_lanes(least);
 
-        // From here on for all pixels, whether used or not: a fixed length is vectorized.
+        // From here on for all pixels, used or not: a fixed length is vectorized.
         let candidates = candidates as u32;
         for pixel in 0..PIXELS {
             let k = u32::from(chosen[pixel]);

@@ -1,5 +1,5 @@
-//! Searches for devices that compute with words: which ones they take, in which parts, what the kernels read of
-//! each, and what the words mean that they find.
+//! Searches for devices that compute with words: which ones they support, how they are split, the inputs of
+//! the kernels, and the meaning of their results.
 
 use std::ops::Range;
 
@@ -15,15 +15,15 @@ use crate::optimization::{BAND, LOOKAHEAD_ROWS, subpixel};
 use crate::pair::blur_compensation::MOST_CLASSES;
 use crate::settings::Optimizer;
 
-/// Words that are found of each pixel.
+/// Words of results for each pixel.
 pub const PIXEL_WORDS: usize = 3;
 /// Largest radius of a window.
 pub const MOST_RADIUS: usize = 15;
-/// Bits of a pixel's byte below its version of the right image; the others hold all that there may be.
+/// Bits of a pixel's byte below its version of the right image; the other bits hold all possible versions.
 const VERSION_SHIFT: u32 = 4;
 const _: () = assert!(MOST_CLASSES <= 1 << (u8::BITS - VERSION_SHIFT));
 
-/// What a device can do.
+/// The limits of a device.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Limits {
     /// Threads of a workgroup, at least 32: each follows a path of four candidates.
@@ -34,19 +34,20 @@ pub struct Limits {
     pub volume: u64,
 }
 
-/// The rows of one part, and all that the kernels read.
+/// The rows of one part, and all inputs of the kernels.
 #[derive(Debug, Clone, Copy)]
 pub struct Task<'a> {
     /// Columns, rows of the codes, candidates, bytes of a code; places of a row of right codes, radius of the
-    /// window, dropped bits of a column's sum, P1; P2 after no jump, a small one and, twice, a large one; first
-    /// row with costs and the one after the last, and the same of rows to choose for; the first band's row, the
-    /// number of bands, 1 if paths run along columns, too.
+    /// window, dropped bits of a column's sum, P1; P2 after no jump, a small one and, twice, a large one;
+    /// first row with costs and the one after the last, and the same for rows to choose for; the first band's
+    /// row, the number of bands, 1 if paths run along columns, too.
     pub numbers: [u32; 20],
     /// Left codes: row, byte of the code, column. This and what follows is whole words.
     pub left: &'a [u8],
     /// Right codes: version, row, byte of the code, place.
     pub right: &'a [u8],
-    /// Of each pixel the jumps from its neighbors, and above them its version of the right image.
+    /// For each pixel, the jumps from its neighbors, and in the bits above them its version of the right
+    /// image.
     pub pixels: &'a [u8],
 }
 
@@ -91,17 +92,17 @@ impl Task<'_> {
         u64::from(self.seen_rows()) * u64::from(self.cols()) * u64::from(self.words()) * 4
     }
 
-    /// Words that are found.
+    /// Words of results.
     pub fn found_words(&self) -> usize {
         self.rows() as usize * self.cols() as usize * PIXEL_WORDS
     }
 }
 
-/// Has a device choose candidates as [`Engine::choose`](super::engine::Engine::choose) does: `run` returns the
-/// words of a task, or `None` if the device failed. `false`: it does not take the chunk, or failed.
+/// Lets a device choose candidates like [`Engine::choose`](super::engine::Engine::choose): `run` returns the
+/// words of a task, or `None` if the device failed. `false`: it does not support the chunk, or failed.
 ///
-/// Devices take searches by the optimizers `"so"` and `"sgm"`, by phase codes without masks and fixed windows of
-/// up to 31 pixels, where a byte holds every total and no panel has a range of its own.
+/// Devices support searches with the optimizers `"so"` and `"sgm"`, by phase codes without masks and fixed
+/// windows of up to 31 pixels, if a byte holds every total and no panel has a range of its own.
 pub fn choose(
     rows: Range<usize>,
     chunk: &Chunk,
@@ -122,7 +123,7 @@ pub fn choose(
     Ok(true)
 }
 
-/// A chunk that a device takes.
+/// A chunk that a device supports.
 struct Request<'a> {
     chunk: &'a Chunk<'a>,
     codes: PhaseCodes<'a>,
@@ -132,7 +133,7 @@ struct Request<'a> {
 }
 
 impl<'a> Request<'a> {
-    /// The chunk, if a device with these limits takes it.
+    /// The chunk, if a device with these limits supports it.
     fn new(chunk: &'a Chunk, limits: Limits) -> Option<Self> {
         let Chunk { search, source, width } = chunk;
         let codes = source.costs.codes()?;
@@ -168,11 +169,11 @@ impl<'a> Request<'a> {
         })
     }
 
-    /// Runs what the kernels need for a part.
+    /// Runs `run` with the inputs of the kernels for a part.
     fn with_task<T>(&self, chosen: Range<usize>, run: impl FnOnce(&Task) -> T) -> T {
         let Chunk { search, source, .. } = self.chunk;
         let ((height, cols), first, radius) = (search.size, search.first, source.window.radius());
-        // The bands of the whole image, of which the first may begin above this one.
+        // The bands of the whole image, the first of which may begin above this one.
         let bands = (chosen.start + first) / BAND..(chosen.end + first).div_ceil(BAND);
         let band = (bands.start * BAND) as isize - first as isize;
         let seen = if self.is_along_columns {
@@ -206,8 +207,8 @@ impl<'a> Request<'a> {
         run(&Task { numbers, left: &left, right: &right, pixels: &self.pixels(&rows) })
     }
 
-    /// Of each pixel of some rows a byte: the jumps from its neighbors, and the version of the right image that
-    /// it is compared with.
+    /// A byte for each pixel of some rows: the jumps from its neighbors, and the version of the right image
+    /// that it is compared with.
     fn pixels(&self, rows: &Range<usize>) -> Vec<u8> {
         let mut pixels = Vec::new();
         for y in rows.clone() {
@@ -221,7 +222,7 @@ impl<'a> Request<'a> {
         whole_words(pixels)
     }
 
-    /// Writes what was found of a part, whose first row is row `first` of the evidence.
+    /// Writes the results of a part, whose first row is row `first` of the evidence.
     fn write(&self, part: Range<usize>, found: &[u32], evidence: &mut Evidence, first: usize) {
         let search = self.chunk.search;
         let cols = search.size.1;
@@ -239,7 +240,7 @@ impl<'a> Request<'a> {
     }
 }
 
-/// The evidence of a row; beside the chosen candidates empty unless the row is weighed.
+/// The evidence of a row; unless the row is weighed, all but the chosen candidates is empty.
 #[derive(Default)]
 struct Row {
     chosen: Vec<u16>,
@@ -252,7 +253,7 @@ impl Row {
     fn new(found: &[u32], candidates: usize, is_weighed: bool) -> Self {
         let mut row = Self::default();
         for pixel in found.chunks_exact(PIXEL_WORDS) {
-            // A device that is wrong must not leave the range.
+            // A faulty device must not leave the range.
             let k = ((pixel[0] & 0xffff) as usize).min(candidates - 1);
             row.chosen.push(k as u16);
             if !is_weighed {
@@ -279,7 +280,7 @@ fn of_rows(planes: &[&Plane<u8>], rows: &Range<usize>) -> Vec<u8> {
     whole_words(planes.iter().flat_map(part).collect())
 }
 
-/// Bytes up to the end of a word.
+/// Pads bytes to the end of a word.
 fn whole_words(mut bytes: Vec<u8>) -> Vec<u8> {
     bytes.resize(bytes.len().next_multiple_of(4), 0);
     bytes

@@ -1,11 +1,11 @@
 //! The field of vertical offsets between the images of a pair, and the right image resampled so that its rows
 //! correspond.
 //!
-//! In a pair that is not quite rectified, a point of left row `y` lies at `y + v` in the right image. The
+//! In a pair that is not quite rectified, a point in left row `y` lies at `y + v` in the right image. The
 //! field `v(x, y)`, of the column `x` in the right image and the row `y` of the left one, is smooth: a shift,
 //! a rotation and a difference in focal length make it linear; keystone and the rest of lens distortion add
-//! terms up to the third degree. It does not depend on depth as long as the baseline is level. A rolling
-//! shutter that shakes adds what all columns of a row have in common, a spline of the row ([`sway`]). The
+//! terms up to the third degree. It does not depend on depth as long as the baseline is level. A shaking
+//! rolling shutter adds a component shared by all columns of a row, a spline of the row ([`sway`]). The
 //! straightened right image is
 //!
 //! ```text
@@ -28,7 +28,7 @@ use crate::image::resampling::TAPS;
 pub const TERMS: usize = 8;
 /// Terms of a linear field.
 pub const LINEAR: usize = 3;
-/// The first of the terms that lens distortion alone has.
+/// The first term that only lens distortion has.
 pub const CUBIC: usize = 6;
 /// Places along each axis over which averages of a field are taken.
 const SAMPLES: usize = 20;
@@ -39,10 +39,10 @@ pub const LARGEST_OFFSET: f64 = 16_384.0;
 #[derive(Debug, Clone, PartialEq)]
 pub struct Alignment {
     coefficients: [f64; TERMS],
-    /// The factors of the spline of the row; zero where there is none.
+    /// The factors of the spline of the row; zero without one.
     sway: [f64; KNOTS],
     size: (usize, usize),
-    /// The row of the image with the field that is the first of the pair at hand.
+    /// The row of the image with the field that is the first row of this pair.
     first: usize,
 }
 
@@ -53,13 +53,13 @@ impl Alignment {
         Ok(Self { coefficients, sway: [0.0; KNOTS], size, first: 0 })
     }
 
-    /// The same with a spline of the row that has these factors, pixels.
+    /// The field with a spline of the row that has these factors, pixels.
     pub fn with_sway(self, sway: [f64; KNOTS]) -> Result<Self> {
         check("factors of a spline", &sway)?;
         Ok(Self { sway, ..self })
     }
 
-    /// The same without the spline of the row.
+    /// The field without the spline of the row.
     pub fn without_sway(self) -> Self {
         Self { sway: [0.0; KNOTS], ..self }
     }
@@ -73,7 +73,7 @@ impl Alignment {
         }
     }
 
-    /// The same for a pair that begins with row `first` of the one with the field.
+    /// The field for a pair that begins at row `first` of the one with the field.
     pub fn starting_at_row(self, first: usize) -> Self {
         Self { first, ..self }
     }
@@ -88,8 +88,8 @@ impl Alignment {
         self.sway.iter().any(|factor| *factor != 0.0).then_some(&self.sway)
     }
 
-    /// The largest magnitude of the spline of the row, pixels, but for its first and its last interval, where
-    /// few blocks say what it is.
+    /// The largest magnitude of the spline of the row, pixels, ignoring its first and last interval, where
+    /// few blocks determine it.
     pub fn largest_sway(&self) -> f64 {
         let margin = self.size.0.div_ceil(sway::INTERVALS);
         let offset = |row| sway::at(&self.sway, (row as f64 + 0.5) / self.size.0 as f64).abs();
@@ -101,13 +101,13 @@ impl Alignment {
         self.size
     }
 
-    /// The offset of right column `x` at left row `y` of the pair at hand, pixels: positive where the right
-    /// image shows the same point lower.
+    /// The offset of right column `x` at left row `y` of this pair, pixels: positive if the right image shows
+    /// the same point lower.
     pub fn at(&self, x: f64, y: f64) -> f64 {
         self.along(y).at(x)
     }
 
-    /// The offsets along left row `y` of the pair at hand.
+    /// The offsets along left row `y` of this pair.
     pub fn along(&self, y: f64) -> RowPolynomial {
         let (rows, cols) = self.size;
         let sway = sway::at(&self.sway, (y + self.first as f64 + 0.5) / rows as f64);
@@ -125,7 +125,7 @@ impl Alignment {
         RowPolynomial { powers, half: cols as f64 / 2.0 }
     }
 
-    /// The offset at a place from -1 to 1 along both axes.
+    /// The offset at a place, given as -1 to 1 along both axes.
     fn at_fraction(&self, x: f64, y: f64) -> f64 {
         let smooth: f64 = self.coefficients.iter().zip(terms(x, y)).map(|(a, b)| a * b).sum();
         smooth + sway::at(&self.sway, 0.5 * (y + 1.0))
@@ -139,7 +139,7 @@ impl Alignment {
 
     /// An upper bound of the magnitude of the offsets, pixels.
     pub fn bound(&self) -> f64 {
-        // No term is larger than 1, except those of the third degree, which are at most 2.
+        // No term exceeds 1, except those of the third degree, which are at most 2.
         let [.., y3, x3] = self.coefficients;
         let smooth: f64 = self.coefficients.iter().map(|value| value.abs()).sum();
         let sway = self.sway.iter().fold(0.0f64, |most, factor| most.max(factor.abs()));
@@ -185,7 +185,7 @@ impl RowPolynomial {
     }
 }
 
-/// The terms of a field at a place from -1 to 1 along both axes: shift, the two slopes, then those of
+/// The terms of a field at a place, given as -1 to 1 along both axes: shift, the two slopes, then those of
 /// keystone (`x y`, `x^2`, `y^2`) and of distortion (`y r^2`, `x r^2`).
 pub fn terms(x: f64, y: f64) -> [f64; TERMS] {
     let square = x * x + y * y;

@@ -1,8 +1,8 @@
 //! Blur compensation: every pixel is compared in the version of the images that suits its area.
 //!
-//! A blur that one image alone has is compensated by blurring the other one alike. Where the blur differs
-//! over the image, so do the kernels: square tiles divide the pixels of the left image into classes, and the
-//! class gives the kernels with which both images are blurred before they are compared.
+//! Blur in only one image is compensated by blurring the other one equally. If the blur varies over the
+//! image, so do the kernels: square tiles divide the pixels of the left image into classes, and each class
+//! has the kernels that blur both images before they are compared.
 
 use crate::base::control::Control;
 use crate::base::error::{Error, Result};
@@ -25,7 +25,7 @@ pub struct BlurCompensation {
     kernels: Vec<[Option<Kernel>; 2]>,
     labels: Plane<u8>,
     tile: usize,
-    /// The row of the labeled image that is the first of the pair.
+    /// The row of the labeled image that is the first row of the pair.
     first: usize,
 }
 
@@ -40,10 +40,10 @@ pub struct Labels {
 }
 
 impl BlurCompensation {
-    /// `noise` holds the standard deviations of the noise of the left and of the right image, in units of the
-    /// pixels; `kernels`, for each class, the kernels of the left and of the right image (`None`: the image
-    /// stays as it is). Pixel `(x, y)` is of the class `labels[y / tile][x / tile]`; beyond the last tile, of
-    /// the class of that one.
+    /// `noise` holds the standard deviations of the noise of the left and the right image, in units of the
+    /// pixels; `kernels`, for each class, the kernels of the left and the right image (`None`: the image
+    /// stays unchanged). Pixel `(x, y)` belongs to the class `labels[y / tile][x / tile]`; beyond the last
+    /// tile, to the class of that one.
     pub fn new(
         noise: [f64; 2],
         kernels: Vec<[Option<Kernel>; 2]>,
@@ -76,8 +76,8 @@ impl BlurCompensation {
         Ok(Self { noise, impulses: none, smoothing: none, kernels, labels, tile, first: 0 })
     }
 
-    /// The same with impulses of the left and of the right image that stand out by at least so much, in units
-    /// of the pixels; 0: there are none.
+    /// The same, with impulses of at least these heights in the left and the right image, in units of the
+    /// pixels; 0: none.
     pub fn with_impulses(self, impulses: [f64; 2]) -> Result<Self> {
         let [left, right] = impulses;
 
@@ -85,8 +85,8 @@ impl BlurCompensation {
         Ok(Self { impulses, ..self })
     }
 
-    /// The same with a first smoothing of both images, by these standard deviations in units of the pixels;
-    /// 0: none.
+    /// The same, with both images first smoothed by these standard deviations in units of the pixels; 0: not
+    /// smoothed.
     pub fn with_smoothing(self, smoothing: [f64; 2]) -> Result<Self> {
         let [left, right] = smoothing;
 
@@ -94,17 +94,17 @@ impl BlurCompensation {
         Ok(Self { smoothing, ..self })
     }
 
-    /// A compensation that leaves the images as they are, with noise of these standard deviations.
+    /// A compensation that leaves the images unchanged, with noise of these standard deviations.
     pub fn of_noise(noise: [f64; 2]) -> Result<Self> {
         Self::new(noise, vec![[None, None]], Plane::from_fn(1, 1, |_, _| 0), 1)
     }
 
-    /// The same for a pair whose first row is row `first` of the labeled one.
+    /// The same, for a pair whose first row is row `first` of the labeled one.
     pub fn starting_at_row(self, first: usize) -> Self {
         Self { first, ..self }
     }
 
-    /// The same for a pair that begins `rows` rows below this one.
+    /// The same, for a pair that begins `rows` rows below this one.
     pub fn below(self, rows: usize) -> Self {
         Self { first: self.first + rows, ..self }
     }
@@ -114,8 +114,7 @@ impl BlurCompensation {
         self.noise
     }
 
-    /// The least height of impulses of the left and of the right image, in units of the pixels; 0: there are
-    /// none.
+    /// The least height of impulses of the left and the right image, in units of the pixels; 0: none.
     pub fn impulses(&self) -> [f64; 2] {
         self.impulses
     }
@@ -131,7 +130,7 @@ impl BlurCompensation {
     }
 
     /// Standard deviations by which the left and the right image are smoothed, in units of the pixels; 0: not
-    /// at all.
+    /// smoothed.
     pub fn smoothing(&self) -> [f64; 2] {
         self.smoothing
     }
@@ -172,7 +171,7 @@ impl BlurCompensation {
         }
     }
 
-    /// Whether there may be pixels of different classes.
+    /// Whether pixels may belong to different classes.
     pub fn is_mixed(&self) -> bool {
         self.kernels.len() > 1
     }
@@ -188,7 +187,7 @@ impl BlurCompensation {
     }
 
     /// The distinct kernels of one side (0: left, 1: right) that occur in a left image of this many rows and
-    /// columns, and the index of its own for each pixel.
+    /// columns, and the index of the kernel for each pixel.
     pub fn of_side(
         &self,
         side: usize,
@@ -199,7 +198,7 @@ impl BlurCompensation {
         let alike = |class: usize| (0..class).find(|before| kernel(*before) == kernel(class));
         let alike: Vec<_> = (0..self.kernels.len()).map(|c| alike(c).unwrap_or(c)).collect();
 
-        // Kernels are numbered in the order in which pixels meet them.
+        // Kernels are numbered in the order in which pixels use them.
         let mut classes = vec![];
         let tiles = self.row_of_labels(0)..=self.row_of_labels(rows - 1);
         let above = self.first - tiles.start() * self.tile;
@@ -231,7 +230,7 @@ impl Labels {
 }
 
 /// The gray values of one side of a pair before they are described or convolved, smoothed if the compensation
-/// says so.
+/// requires it.
 pub fn gray<'a>(
     view: &'a View,
     compensation: Option<&BlurCompensation>,
@@ -265,7 +264,7 @@ fn deviation(value: f64, name: &'static str) -> Result<f64> {
 mod tests {
     use super::*;
 
-    /// A kernel that differs from others by the place of its one tap.
+    /// A kernel that differs from others in the place of its single tap.
     fn kernel(place: usize) -> Kernel {
         let taps = Plane::from_fn(1, 9, |_, x| f64::from(u8::from(x == place)));
         Kernel::new(&taps).expect("a legal kernel")

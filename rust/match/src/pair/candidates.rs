@@ -1,4 +1,4 @@
-//! The disparities that are searched, and where each of them looks in the right image.
+//! The searched disparities, and where each of them looks in the right image.
 
 use crate::base::error::{Error, Result};
 use crate::base::value::LANES;
@@ -12,8 +12,8 @@ pub struct Candidates {
 }
 
 impl Candidates {
-    /// Candidates for images of the given width. Ranges under which no pixel has a match in the right image
-    /// are an error.
+    /// Candidates for images of the given width. A range that gives no pixel a match in the right image is an
+    /// error.
     pub fn new(min: i64, count: i64, width: usize) -> Result<Self> {
         let most = width.min(MOST_DISPARITIES) as i64;
         if !(1..=most).contains(&count) {
@@ -21,7 +21,7 @@ impl Candidates {
             return Err(Error::value("num_disparities", count, accepts));
         }
 
-        // At the ends of the range one candidate of one column still lies within the right image.
+        // At the ends of the range, one candidate of one column still lies within the right image.
         let lowest = 1 - width as i64 - (count - 1);
         let highest = width as i64 - 1;
         if !(lowest..=highest).contains(&min) {
@@ -35,14 +35,15 @@ impl Candidates {
         Ok(Self { min: min as isize, count: count as usize })
     }
 
-    /// The candidates of a span of disparities, both ends included, cut to what the width allows.
+    /// The candidates of a span of disparities, both ends included, clipped to the range that the width
+    /// allows.
     pub fn of_span((low, high): (isize, isize), width: usize) -> Result<Self> {
         let count = (high - low + 1).clamp(1, width as isize);
         let low = low.clamp(1 - width as isize - (count - 1), width as isize - 1);
         Self::new(low as i64, count as i64, width)
     }
 
-    /// The smallest disparity and the number of candidates, as [`Self::new`] takes them.
+    /// The smallest disparity and the number of candidates, as [`Self::new`] accepts them.
     pub fn numbers(self) -> (i64, i64) {
         (self.min as i64, self.count as i64)
     }
@@ -62,7 +63,8 @@ impl Candidates {
         self.min + self.count as isize - 1
     }
 
-    /// The candidate of a disparity; the first one for those below it, their number for those above the last.
+    /// The candidate of a disparity; for those below the range the first one, for those above it the number
+    /// of candidates.
     #[inline]
     pub fn index(self, disparity: isize) -> usize {
         (disparity - self.min).clamp(0, self.count as isize) as usize
@@ -86,7 +88,7 @@ impl Candidates {
     }
 }
 
-/// Neighboring candidates that are searched, of all of a pair.
+/// Neighboring candidates that are searched, out of all of a pair.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Searched {
     /// The first of them.
@@ -101,8 +103,8 @@ impl Searched {
         Self { start: 0, count }
     }
 
-    /// The fewest whole runs of [`LANES`] out of `count` candidates, `runs` at least, that hold those from
-    /// `first` to `last`, with as many more on either side.
+    /// The fewest whole runs of [`LANES`] out of `count` candidates, at least `runs`, that hold those from
+    /// `first` to `last`, with equal room on either side.
     pub fn holding(first: usize, last: usize, runs: usize, count: usize) -> Self {
         let needed = last + 1 - first;
         let searched = needed.next_multiple_of(LANES).max(runs * LANES).min(count);
@@ -117,7 +119,7 @@ impl Searched {
         Self { start: self.start + first, count: (self.count - first).min(most) }
     }
 
-    /// Runs of [`LANES`] candidates, the last of them padded.
+    /// Runs of [`LANES`] candidates, the last one padded.
     #[inline(always)]
     pub fn runs(self) -> usize {
         self.count.div_ceil(LANES)
@@ -161,7 +163,7 @@ mod tests {
         // At either end they are shifted.
         assert_eq!(holding(3, 5, 2, 200), (0, 64));
         assert_eq!(holding(190, 199, 1, 200), (168, 200));
-        // All, where there are no more.
+        // All, if there are no more.
         assert_eq!(holding(3, 5, 2, 40), (0, 40));
         assert_eq!(holding(0, 199, 1, 200), (0, 200));
     }

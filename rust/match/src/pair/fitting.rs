@@ -1,9 +1,9 @@
-//! The views of a pair brought together: the right one at the size of the left one, and both in one unit.
+//! Brings the views of a pair together: the right one to the size of the left one, and both to one unit.
 //!
 //! ```text
-//! scale = left size / right size, along x and along y    # of images of one shape: only their resolution differs;
+//! scale = left size / right size, along x and along y    # if both have one shape: only resolution differs;
 //!         a whole factor, from the first pixel on, where the size was rounded up
-//!       = 1, or the ratio of the widths, along both      # of others: the right one lies over the middle of the left one
+//!       = 1, or the ratio of the widths, along both      # else: the right one is centered over the left one
 //! place(x) = (x + 0.5 - offset) / scale - 0.5;   offset = (left size - scale * right size) / 2
 //! out(x) = resampled by the kernel of crate::image::resampling, where s = max(1, 1 / scale)
 //! valid if all pixels within s / 2 of the place are
@@ -12,12 +12,12 @@
 //! Pixels of two types are in units of the left ones:
 //!
 //! ```text
-//! white = 255 for bytes; 1 for floats up to 1; else the least of 255, 1023, 4095, 16383, 65535 that no pixel exceeds, as
-//!         cameras of 8 to 16 bits have it, or the largest pixel
+//! white = 255 for bytes; 1 for floats up to 1; else the least of 255, 1023, 4095, 16383, 65535 that no pixel
+//!         exceeds, as in cameras of 8 to 16 bits, or the largest pixel
 //! right = right * left white / right white
 //! ```
 //!
-//! Phase codes need no such scale, but noise is compared between the images.
+//! Phase codes do not need this scale, but noise is compared between the images.
 
 use crate::base::error::{Error, Result};
 use crate::base::plane::Plane;
@@ -26,9 +26,9 @@ use crate::image::pixels::{Image, Input, Resampler};
 use crate::image::resampling::{LanczosTaps, TAPS, resized};
 use crate::image::view::View;
 
-/// Most that one image may have more rows or columns than the other.
+/// Largest ratio of the rows or columns of the two images.
 const LARGEST_RATIO: f64 = 8.0;
-/// Images of other shapes whose sides differ by less are cut out of one of the same resolution.
+/// Images of other shapes whose sides differ by less are taken as cut from one of the same resolution.
 const CUT: f64 = 1.25;
 /// The white of 8, 10, 12, 14 and 16 bits.
 const WHITES: [f64; 5] = [255.0, 1023.0, 4095.0, 16383.0, 65535.0];
@@ -36,20 +36,20 @@ const WHITES: [f64; 5] = [255.0, 1023.0, 4095.0, 16383.0, 65535.0];
 /// How a right image of another size lies over the left one.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Fit {
-    /// Rows and columns of the right image as it came.
+    /// Rows and columns of the original right image.
     pub from: (usize, usize),
-    /// Rows and columns of the left one.
+    /// Rows and columns of the left image.
     pub to: (usize, usize),
     /// Whether both have the same shape.
     pub is_alike: bool,
-    /// Left rows and columns for one of the right image.
+    /// Left rows and columns per row and column of the right image.
     pub scale: [f64; 2],
     /// Left rows and columns before its first one.
     offset: [f64; 2],
 }
 
-/// Both views at the size of the left one, and how the right one was fitted; `None`: it is of this size
-/// already.
+/// Both views at the size of the left one, and how the right one was fitted; `None`: it already has this
+/// size.
 pub fn fitted(left: &View, right: View) -> Result<(View, Option<Fit>)> {
     if right.size() == left.size() {
         return Ok((right, None));
@@ -60,7 +60,7 @@ pub fn fitted(left: &View, right: View) -> Result<(View, Option<Fit>)> {
 }
 
 impl Fit {
-    /// How a right image of some rows and columns lies over a left one.
+    /// How a right image of these rows and columns lies over a left one.
     #[expect(clippy::float_cmp, reason = "whole numbers are exact")]
     pub fn new(from: (usize, usize), to: (usize, usize)) -> Result<Self> {
         let ratios = [to.0 as f64 / from.0 as f64, to.1 as f64 / from.1 as f64];
@@ -87,7 +87,7 @@ impl Fit {
         let offset = [centered(to.0, from.0, scale[0]), centered(to.1, from.1, scale[1])];
         let fit = Self { from, to, is_alike, scale, offset };
 
-        // Sizes are rounded up where the last row or column is made up, not where an image is squeezed.
+        // Sizes are rounded up where the last row or column is padded, not where an image is squeezed.
         let factor = whole(along);
         let (larger, smaller, by) =
             if factor < 1.0 { (from, to, factor.recip()) } else { (to, from, factor) };
@@ -99,7 +99,8 @@ impl Fit {
         Ok(if is_alike && is_exact { fit.scaled_by(factor) } else { fit })
     }
 
-    /// The fit of an image that was reduced or enlarged by an exact factor, from its first row and column on.
+    /// The fit of an image that was reduced or enlarged by an exact factor, aligned at its first row and
+    /// column.
     fn scaled_by(&self, factor: f64) -> Self {
         Self { scale: [factor; 2], offset: [0.0; 2], ..*self }
     }
@@ -127,7 +128,7 @@ impl Fit {
         Ok(View::new(gray, mask, scale))
     }
 
-    /// What is valid at the new size, by what is before; `None`: all.
+    /// The mask at the new size, from the one before; `None`: all valid.
     fn mask(&self, valid: Option<&Mask>) -> Option<Mask> {
         let taps = [self.taps(0), self.taps(1)];
         let [down, along] = &taps;
@@ -143,7 +144,7 @@ impl Fit {
         (!is_covered).then(|| Plane::from_fn(self.to.0, self.to.1, is_valid))
     }
 
-    /// The matrix that leads from columns and rows of the right image to those at the new size.
+    /// The matrix that maps columns and rows of the right image to those at the new size.
     pub fn matrix(&self) -> [[f64; 3]; 3] {
         let along = |axis: usize| {
             let (scale, offset) = (self.scale[axis], self.offset[axis]);
@@ -169,8 +170,8 @@ impl Resampler for Fit {
     }
 }
 
-/// The right image of any type, with what is valid of it, at the size of the left one, and the matrix that
-/// leads there from its columns and rows.
+/// The right image of any type, with its valid pixels, at the size of the left one, and the matrix that maps
+/// its columns and rows there.
 pub fn resized_right([left, right]: [&Input; 2]) -> Result<(Input, [[f64; 3]; 3])> {
     let fit = Fit::new(right.size(), left.size())?;
     let resized = right.resampled(&fit, fit.mask(right.mask.as_ref()))?;

@@ -1,19 +1,19 @@
 //! Overlays: clocks, captions and logos that a camera or a recorder has burned into both images at the same
 //! pixels. They are not part of the scene, and match at disparity 0.
 //!
-//! An overlay is seen by its edges. Along the rows, a sharp edge counts if both images have it at the same
-//! pixels, with the same sign, and the gray values on one side of it, at least, are equal. Cells of
-//! `OVERLAY_CELL` pixels that have many such edges, and are close to each other, form an area. An area is an
+//! An overlay shows by its edges. Along the rows, a sharp edge counts if both images have it at the same
+//! pixels, with the same sign, and the gray values on at least one side of it are equal. Cells of
+//! `OVERLAY_CELL` pixels with many such edges that are close to each other form an area. An area is an
 //! overlay if
 //!
 //! ```text
 //! edges >= CLEAR_EDGES chance,  edges log2(edges / chance) - (edges - chance) / ln 2 >= CERTAIN_EDGES
-//!     chance = the most edges of this kind that the area has when the right image is some rows off, or how many
-//!              of its edges are equal on both sides at another disparity: edges of the scene are found there
-//! share of edges with a side in one of OVERLAY_COLORS gray levels >= LEAST_PAINTED, which is higher if fewer than
-//!     LEAST_OUTLINE of them are equal on one side alone: around letters is the scene, a box around them is plain
+//!     chance = the most edges of this kind that it has if the right image is some rows off, or the most
+//!              of its edges equal on both sides at another disparity: edges of the scene are found there
+//! share of edges with a side in one of OVERLAY_COLORS gray levels >= LEAST_PAINTED, higher if less than
+//!     LEAST_OUTLINE of them are equal on one side only: letters have the scene around them, a box is plain
 //! beside(d) >= CERTAIN_BESIDE for a disparity d,  beside(0) <= beside(d) / ELSEWHERE
-//!     beside(d) = n (1 - H(share of equal signs)) bits of the n other edges among and around those of the area,
+//!     beside(d) = n (1 - H(share of equal signs)) bits of the n other edges in and around the area,
 //!                 however faint, that both images have at disparity d: the scene around it is not at 0
 //! ```
 //!
@@ -35,7 +35,7 @@ use crate::choices::{
 use crate::image::view::{Mask, View};
 use crate::pair::source::{Source, bands, widened};
 
-/// What stands for an edge that is equal on both sides, where 1 is one that is on one.
+/// The count of an edge that is equal on both sides; an edge equal on one side counts 1.
 const BOTH: u8 = 16;
 /// Values of gray levels of 8 bits.
 const LEVELS: usize = 256;
@@ -49,7 +49,7 @@ pub struct Overlay {
     pub columns: Range<usize>,
 }
 
-/// What edges of both images are measured in.
+/// The units in which edges of both images are measured.
 #[derive(Debug, Clone, Copy)]
 struct Units {
     /// Gray steps of a level.
@@ -76,7 +76,8 @@ struct Part<'a> {
 type Area = Vec<(usize, usize)>;
 
 impl Units {
-    /// The units of two views, if those of both are the same: of floats, pixels of one value have several.
+    /// The units of two views, if they are the same for both: in float images, equal pixels may have several
+    /// values.
     fn of(views: [&View; 2]) -> Option<Self> {
         let [one, other] = views.map(View::scale);
         let is_same = one.step().is_some() && one.step() == other.step() && one.ends() == other.ends();
@@ -89,7 +90,7 @@ impl Units {
         ((gray - self.least) / self.level).clamp(0, LEVELS as i32 - 1) as usize
     }
 
-    /// Whether both images have a sharp edge between two pixels each, and which of its sides are equal.
+    /// Whether both images have a sharp edge between two pixels, and which of its sides are equal.
     #[inline(always)]
     fn equal_sides(self, left: [i32; 2], right: [i32; 2]) -> [bool; 2] {
         let (of_left, of_right) = (left[1] - left[0], right[1] - right[0]);
@@ -124,7 +125,7 @@ impl Counts {
             let cells = (first + y) / OVERLAY_CELL * self.size.1..;
             let counts = self.one[cells.clone()].iter_mut().zip(&mut self.both[cells]);
             for ((one, both), kinds) in counts.zip(kinds.as_chunks::<OVERLAY_CELL>().0) {
-                // No sum of eight is more than a half byte holds.
+                // No sum of eight exceeds a half byte.
                 let sum: u8 = kinds.iter().sum();
                 *one += u16::from(sum % BOTH);
                 *both += u16::from(sum / BOTH);
@@ -132,7 +133,7 @@ impl Counts {
         }
     }
 
-    /// Of each cell the largest sum over a square of four cells that holds it.
+    /// For each cell, the largest sum over a square of four cells that contains it.
     fn squares(&self, count: impl Fn(usize) -> u32) -> Vec<u32> {
         let (rows, cols) = self.size;
         let mut most = vec![0; rows * cols];
@@ -147,7 +148,7 @@ impl Counts {
         most
     }
 
-    /// The areas with many edges, how many of these are equal on one side alone, and how many there are.
+    /// The areas with many edges, with the number of edges equal on one side only, and of all.
     fn areas(&self) -> Vec<(Area, [u32; 2])> {
         let of_one = |at: usize| u32::from(self.one[at]);
         if self.squares(of_one).iter().all(|most| *most < LEAST_EDGES) {
@@ -208,7 +209,7 @@ impl Part<'_> {
         }
     }
 
-    /// How many of the edges of an area there would be by chance: the most with other rows, and the most that are
+    /// The number of the area's edges expected by chance: the most with other rows, and the most that are
     /// equal on both sides at another disparity, too.
     fn chance(&self, area: &Area) -> u32 {
         let mut most = 1;
@@ -230,7 +231,7 @@ impl Part<'_> {
         most
     }
 
-    /// The share of edges with a side in one of the few gray levels that most have.
+    /// The share of edges with a side in one of the few most common gray levels.
     fn painted(&self, area: &Area) -> f64 {
         let mut sides: Vec<[usize; 2]> = vec![];
         let mut counts = [0u32; LEVELS];
@@ -261,7 +262,8 @@ impl Part<'_> {
         painted.count() as f64 / sides.len().max(1) as f64
     }
 
-    /// Bits by which other edges among and around those of an area agree at disparity 0, and the most at another.
+    /// Bits by which other edges among and around those of an area agree at disparity 0, and the most at any
+    /// other disparity.
     fn beside(&self, area: &Area, overlay: &Overlay) -> [f64; 2] {
         let cols = self.views[0].size().1;
         let around = CELLS_AROUND * OVERLAY_CELL;
@@ -308,7 +310,7 @@ impl Part<'_> {
         [agreeing(0), others.fold(0.0, f64::max)]
     }
 
-    /// Whether an area is an overlay; `edges`: those that are equal on one side alone, and all.
+    /// Whether an area is an overlay; `edges`: those equal on one side only, and all.
     fn is_overlay(&self, area: &Area, edges: [u32; 2], overlay: &Overlay) -> bool {
         let [outline, edges] = edges.map(f64::from);
         let least = LEAST_PAINTED[usize::from(outline < LEAST_OUTLINE * edges)];
@@ -377,12 +379,12 @@ pub fn mask(overlays: &[Overlay], view: &View) -> Mask {
     mask
 }
 
-/// Whether a number of edges is not that by chance, where chance gives another on average.
+/// Whether a number of edges is too large for chance, which gives `chance` on average.
 fn is_certain(edges: f64, chance: f64) -> bool {
     edges * math::ln(edges / chance) - (edges - chance) >= CERTAIN_EDGES * LN_2
 }
 
-/// The disparities that are tried in images of this width.
+/// The disparities to try in images of this width.
 fn disparities(cols: usize) -> impl Iterator<Item = isize> {
     let reach = (cols / OVERLAY_REACH) as isize;
     -reach..=reach
@@ -398,7 +400,7 @@ fn rectangle(area: &Area) -> Overlay {
     Overlay { rows: around(|(y, _)| *y), columns: around(|(_, x)| *x) }
 }
 
-/// As [`Units::equal_sides`], of the edge at a row and a column of either image; none where it is masked.
+/// [`Units::equal_sides`] for the edge at a row and a column of either image; none where it is masked.
 fn equal_sides(views: [&View; 2], y: [usize; 2], x: [usize; 2], units: Units) -> [bool; 2] {
     let ends = [0, 1].map(|side| {
         let (view, y, x) = (views[side], y[side], x[side]);
@@ -410,7 +412,8 @@ fn equal_sides(views: [&View; 2], y: [usize; 2], x: [usize; 2], units: Units) ->
     units.equal_sides(left, right)
 }
 
-/// The signs of the edges of a view, faint ones, too, away from those of both images; 0 elsewhere.
+/// The signs of the edges of a view, including faint ones, away from edges that both images share; 0
+/// elsewhere.
 fn signs(view: &View, is_open: &Plane<bool>, level: i32) -> Plane<i8> {
     let (rows, cols) = view.size();
     Plane::from_fn(rows, cols, |y, x| {
@@ -425,7 +428,7 @@ fn signs(view: &View, is_open: &Plane<bool>, level: i32) -> Plane<i8> {
     })
 }
 
-/// Bits by which this many signs agree more often than by chance, of which the sum of products is this.
+/// Bits by which this many signs agree more often than by chance, given the sum of their products.
 fn bits(sum: f64, count: f64) -> f64 {
     if sum <= 0.0 {
         return 0.0;
@@ -452,7 +455,7 @@ mod tests {
         [30, 1, 1, 14, 1, 1, 30],
     ];
 
-    /// Numbers from 0 to 1 that have nothing to do with each other.
+    /// Unrelated numbers from 0 to 1.
     fn chance(y: usize, x: usize, seed: u64) -> f64 {
         let mut state = (y * 4096 + x) as u64 + (seed << 40);
         for _ in 0..3 {
@@ -461,7 +464,7 @@ mod tests {
         (state >> 40) as f64 / f64::from(1u32 << 24)
     }
 
-    /// A texture with gray values between those of corners, 6 pixels from each other.
+    /// A texture with gray values interpolated between corners 6 pixels apart.
     fn texture(y: usize, x: usize) -> f64 {
         let at = |y: usize, x: usize| 60.0 + 100.0 * chance(y, x, 1);
         let (row, column) = (y / 6, x / 6);
@@ -478,7 +481,7 @@ mod tests {
         letter < 12 && row < 7 && column < 5 && LETTERS[letter * 7 % 4][row] >> (4 - column) & 1 == 1
     }
 
-    /// A pair with a scene at this disparity, with noise, and what is drawn on both images.
+    /// A pair with a scene at this disparity, with noise, and something drawn on both images.
     fn pair(at: usize, draw: impl Fn(usize, usize) -> Option<u8>) -> Pair {
         let inputs = [0, 1].map(|side| {
             let pixels = Array3::from_shape_fn((SIZE.0, SIZE.1, 1), |(y, x, _)| {
@@ -520,7 +523,7 @@ mod tests {
         for at in [0, 1, DISPARITY] {
             assert_eq!(pair(at, |_, _| None).overlays(), []);
         }
-        // The same letters in the scene, and at disparity 0 where all is.
+        // The same letters in the scene, and at disparity 0 where everything is.
         let inputs = [0, 1].map(|side| {
             let pixels = Array3::from_shape_fn((SIZE.0, SIZE.1, 1), |(y, x, _)| {
                 let x = x + side * DISPARITY;
@@ -538,8 +541,8 @@ mod tests {
         assert_eq!(overlays(&caption, &Control::default()).expect("memory"), []);
     }
 
-    /// The edges of cells of 8 x 8 pixels, two columns wide, 24 gray levels high, and equal to 3 levels or an eighth
-    /// of their height on one side, and on both: one after another.
+    /// The edges of cells of 8 x 8 pixels, two columns wide, 24 gray levels high, and equal within 3 levels
+    /// or an eighth of their height on one side, and on both: one after another.
     fn counted(views: [&View; 2]) -> [Vec<u16>; 2] {
         let ((rows, cols), [left, right]) = (SIZE, views);
         let mut counts = [vec![0; rows / 8 * (cols / 8)], vec![0; rows / 8 * (cols / 8)]];

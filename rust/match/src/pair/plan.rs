@@ -1,4 +1,4 @@
-//! What the margins and the memory of a match depend on, and how each stage reports its own.
+//! The inputs that determine the margins and memory of a match, and how each stage reports its own.
 
 use crate::pair::alignment::Alignment;
 use crate::pair::blur_compensation::BlurCompensation;
@@ -9,7 +9,7 @@ use crate::settings::Settings;
 pub struct Plan<'a> {
     /// Checked settings.
     pub settings: &'a Settings,
-    /// How blur is compensated for before pixels are compared.
+    /// How blur is compensated before pixels are compared.
     pub compensation: Option<&'a BlurCompensation>,
     /// The field by which the right image is straightened.
     pub alignment: Option<&'a Alignment>,
@@ -22,7 +22,7 @@ pub struct Demand<'a> {
     pub plan: Plan<'a>,
     /// Columns of the images.
     pub cols: usize,
-    /// Disparities that are searched.
+    /// Disparities to search.
     pub candidates: usize,
     /// Bytes of a pixel of one image, all channels together.
     pub pixel: usize,
@@ -41,9 +41,9 @@ pub struct Bytes {
     pub thread: usize,
 }
 
-/// A stage of the match. Where the plan leaves it out, it reads and takes nothing.
+/// A stage of the match. If the plan skips it, it reads and takes nothing.
 pub trait Stage: Sync {
-    /// Rows on either side of a row of its result that it reads of its input.
+    /// Rows of its input on either side of a row of its result that it reads.
     fn reach(&self, _: Plan) -> usize {
         0
     }

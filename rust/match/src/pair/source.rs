@@ -1,5 +1,5 @@
-//! Pairs that are read a few rows at a time since they do not fit into memory: statistics of the whole pair
-//! that the match of each part needs are gathered in a pass from top to bottom.
+//! Pairs that do not fit into memory and are read a few rows at a time: one pass from top to bottom gathers
+//! the statistics of the whole pair that the match of each part needs.
 
 use std::borrow::Cow;
 use std::ops::Range;
@@ -19,7 +19,7 @@ use crate::pair::candidates::Candidates;
 /// Pixels of one image that are read at a time, unless one row has more.
 const MOST_PIXELS: usize = 1 << 22;
 
-/// Gives the rows of a pair, from wherever they are stored.
+/// Provides the rows of a pair, from wherever they are stored.
 pub trait Source: Sync {
     /// Rows and columns.
     fn size(&self) -> (usize, usize);
@@ -32,7 +32,7 @@ pub trait Source: Sync {
         (MOST_PIXELS / self.size().1).max(1)
     }
 
-    /// Reads rows of both images, converted as the whole pair is.
+    /// Reads rows of both images, converted like the whole pair.
     fn rows(&self, rows: Range<usize>) -> Result<Cow<'_, Pair>>;
 }
 
@@ -62,12 +62,12 @@ pub fn bands(source: &dyn Source) -> impl Iterator<Item = Range<usize>> {
     (0..rows).step_by(band).map(move |first| first..(first + band).min(rows))
 }
 
-/// Rows and up to `by` more on either side, as far as the image has them.
+/// Rows and up to `by` more on either side, within the image.
 pub fn widened(rows: &Range<usize>, by: usize, height: usize) -> Range<usize> {
     rows.start.saturating_sub(by)..(rows.end + by).min(height)
 }
 
-/// How a whole pair is converted that is read by rows; `first` are some of them, `read` gives others as they
+/// How to convert a whole pair that is read by rows; `first` are some of them, `read` returns others as they
 /// are stored.
 pub fn conversions(
     first: [&Input; 2],
@@ -76,7 +76,7 @@ pub fn conversions(
     control: &Control,
 ) -> Result<[Conversion; 2]> {
     let mut scan = Scan::new(first);
-    // Usually one row says enough, or a few.
+    // Usually one row, or a few, are enough.
     scan.add(first);
 
     for rows in bands(source) {
@@ -100,7 +100,7 @@ pub fn conversions(
     Ok(scan.conversions(extents))
 }
 
-/// The roughness of the left image, whose impulses stand out by at least `impulses`; 0: it has none.
+/// The roughness of the left image, whose impulses have at least the height `impulses`; 0: none.
 pub fn roughness(source: &dyn Source, impulses: f64, level: Level, control: &Control) -> Result<Roughness> {
     let (height, cols) = source.size();
     let mut roughness = Roughness::default();

@@ -1,6 +1,6 @@
 //! The right image with its rows aligned to those of the left one: resampled along its columns.
 //!
-//! Pixel `(x, y)` becomes a weighted mean of the eight pixels of its column about `y + v(x, y)`, rounded to
+//! Pixel `(x, y)` becomes a weighted mean of the eight pixels of its column around `y + v(x, y)`, rounded to
 //! 1/64 of a row ([`crate::image::resampling`]). Rows beyond the image repeat its first or last one. A pixel
 //! whose place is nearest to such a row is masked: the right image does not show it.
 //!
@@ -9,8 +9,8 @@
 //! out(x, y) = sum over k in 0..8 of weights[k] right(x, row - 3 + k)
 //! ```
 //!
-//! Rows are resampled one by one. Fields change slowly, so a row is divided into runs of pixels with one
-//! offset, whose eight source rows and weights are the same.
+//! Rows are resampled one by one. Fields change slowly, so a row is divided into runs of pixels with equal
+//! offsets, which share their eight source rows and weights.
 
 use std::ops::{AddAssign, Mul, Shr};
 
@@ -29,7 +29,7 @@ pub fn straightened(view: &View, alignment: &Alignment, level: Level, control: &
     let source = view.filled_along_columns(TAPS);
     let (rows, cols) = view.size();
     let ends = view.scale().ends();
-    // The magnitudes of weights have a sum below 2.
+    // The sum of the weights' magnitudes is below 2.
     let is_small = u64::from(view.scale().reach()) << (WEIGHT_BITS + 1) <= 1 << 30;
 
     let gray = Plane::by_bands((rows, cols), 1, |y, out: &mut [i32]| {
@@ -201,7 +201,7 @@ mod tests {
     fn masked_pixels_do_not_spread() {
         let is_masked = |y: usize, x: usize| x == 2 && (10..14).contains(&y);
         let mask = Plane::from_fn(30, 4, |y, x| !is_masked(y, x));
-        // Other columns are far from the values of this one.
+        // Values of other columns are far from those of this one.
         let image = view((30, 4), Some(mask), |y, x| if x == 2 { y as f64 / 10.0 } else { 29.0 });
 
         let found = straightened(&image, &field(&[0.5], (30, 4)), Level::best(), &Control::default());

@@ -1,15 +1,15 @@
-//! A spline of the row: what all columns of a row have in common beside the smooth field, as where a rolling
-//! shutter shakes.
+//! A spline of the row: the vertical offset that all columns of a row share in addition to the smooth field,
+//! as with a shaking rolling shutter.
 //!
-//! A cubic B-spline with uniform knots: the image is divided into [`INTERVALS`] intervals of its height, and
-//! in each of them the spline is the sum of four of the [`KNOTS`] factors,
+//! It is a cubic B-spline with uniform knots: the image is divided into [`INTERVALS`] intervals of its
+//! height, and in each of them the spline is the sum of four of the [`KNOTS`] factors,
 //!
 //! ```text
 //! t = (y + 1/2) / rows * INTERVALS;  k = floor(t);  u = t - k
 //! s(y) = sum over i in 0..4 of b_i(u) factor[k + i]
 //! ```
 //!
-//! It lies between the least and the largest of them.
+//! It lies between the smallest and the largest of them.
 
 /// Intervals of the height, each with a polynomial of its own.
 pub const INTERVALS: usize = 16;
@@ -34,9 +34,9 @@ pub fn at(factors: &[f64; KNOTS], fraction: f64) -> f64 {
     weights.iter().zip(&factors[first..]).map(|(weight, factor)| weight * factor).sum()
 }
 
-/// By how much every factor counts in the mean of the spline from one fraction of the height to another.
+/// The weight of every factor in the mean of the spline from one fraction of the height to another.
 pub fn mean_weights(from: f64, to: f64) -> [f64; KNOTS] {
-    /// Places at which the spline is looked at.
+    /// Places where the spline is evaluated.
     const PLACES: usize = 8;
 
     let mut all = [0.0; KNOTS];
