@@ -1,4 +1,4 @@
-//! Chosen candidates -> the result: disparities, flags that say why, and confidences.
+//! Chosen candidates -> the result: disparities, flags that explain them, and confidences.
 
 pub mod calibration;
 pub mod confidence;
@@ -30,10 +30,10 @@ use crate::refinement::left_right_check::{Checker, Choices};
 use crate::refinement::speckles::flag_speckles;
 use crate::settings::Settings;
 
-/// Writes disparities, flags and votes of a row from its evidence: what all rows have in common.
+/// Writes disparities, flags and votes of a row from its evidence. It holds the data shared by all rows.
 #[derive(Debug, Clone, Copy)]
 pub struct MapWriter<'a> {
-    /// The disparities that were searched.
+    /// The searched disparities.
     pub candidates: Candidates,
     /// Columns of the image.
     pub cols: usize,
@@ -48,12 +48,12 @@ pub struct MapWriter<'a> {
     pub uniqueness: u64,
     /// One unit of the mean cost, in steps of the aggregated costs.
     pub unit: f32,
-    /// The cost of a match of unrelated pixels, in these steps. It stands for the second-best cost where all
-    /// candidates are next to it. [`NONE`]: unknown.
+    /// The cost of a match of unrelated pixels, in these steps. It replaces the second-best cost if all
+    /// candidates are next to the choice. [`NONE`]: unknown.
     pub unrelated: u32,
 }
 
-/// One row of the result, to be written.
+/// One row of the result, writable.
 #[derive(Debug)]
 pub struct ResultRow<'a> {
     /// Disparities, pixels; NaN: none.
@@ -65,8 +65,7 @@ pub struct ResultRow<'a> {
 }
 
 impl MapWriter<'_> {
-    /// Writes row `y`. The checks only flag; whether flagged pixels keep an estimate is decided when the map
-    /// is refined.
+    /// Writes row `y`. The checks only flag; refinement decides whether flagged pixels keep an estimate.
     pub fn write(
         &self,
         y: usize,
@@ -83,7 +82,7 @@ impl MapWriter<'_> {
         Ok(())
     }
 
-    /// The disparity of a chosen candidate, NaN where nothing can be estimated.
+    /// The disparity of a chosen candidate; NaN if nothing can be estimated.
     #[inline(always)]
     fn disparity(&self, chosen: u16, flags: u16) -> f32 {
         if flags & flag::MISSING == 0 { self.candidates.disparity(chosen.into()) as f32 } else { f32::NAN }
@@ -99,20 +98,21 @@ impl MapWriter<'_> {
         }
     }
 
-    /// The flags of pixel `(y, x)`, which is invalid or has an invalid match; this may be flagged as outside.
+    /// The flags of pixel `(y, x)`, which is invalid or has an invalid match; `outside` is its flag for a
+    /// match outside.
     fn flag_invalid(validity: &Validity, (y, x): (usize, usize), outside: u16) -> u16 {
         if validity.is_masked(y, x) {
             flag::MASKED
         } else if validity.has_candidate(y, x) {
             outside | flag::MATCH_MASKED
         } else {
-            // The choice among no valid candidates means nothing.
+            // A choice without valid candidates is meaningless.
             flag::NO_CANDIDATE
         }
     }
 }
 
-/// Writes one row: step by step for all its pixels, so that each step is a loop over arrays.
+/// Writes one row, each step for all its pixels, so that each step is a loop over arrays.
 #[leveled]
 fn write_map_row(
     level: Level,
@@ -162,7 +162,7 @@ fn write_map_row(
             let second_best = if second_best == NONE { writer.unrelated } else { second_best };
             *vote = confidence::vote(CostMargin::new(best, second_best), writer.unit);
         }
-        // The choice among no valid candidates says nothing, however far it is ahead.
+        // A choice without valid candidates is meaningless, however large its margin.
         if writer.validity.is_some() {
             for (vote, flags) in votes.iter_mut().zip(&*flags) {
                 *vote = if flags & flag::MISSING == 0 { *vote } else { 0.0 };
@@ -171,7 +171,7 @@ fn write_map_row(
     }
 }
 
-/// The stages of [`Draft::refine`], in their order.
+/// The stages of [`Draft::refine`], in order.
 pub const STAGES: [&dyn Stage; 8] = [
     &speckles::Speckles,
     &filling::Filling,
@@ -183,12 +183,12 @@ pub const STAGES: [&dyn Stage; 8] = [
     &confidence::Confidences,
 ];
 
-/// Bytes of a pixel of the map, and of the second map with which it alternates while it is refined.
+/// Bytes of a pixel of the map, and of the second map with which it alternates during refinement.
 const MAP_BYTES: usize = 24;
-/// Bytes of a pixel of gray values, and of what the stages make of them.
+/// Bytes of a pixel of gray values, and of the values that stages derive from them.
 const TEXTURE_BYTES: usize = 20;
 
-/// All of [`STAGES`]: each reads what the one before has written.
+/// All of [`STAGES`]: each reads the output of the one before.
 pub struct Refinement;
 
 impl Stage for Refinement {
@@ -203,7 +203,7 @@ impl Stage for Refinement {
     }
 }
 
-/// A map before the stages that look at all of it.
+/// A map before the stages that work on the whole map.
 #[derive(Debug)]
 pub struct Draft<'a> {
     /// Disparities, pixels.
@@ -233,7 +233,7 @@ impl Draft<'_> {
             flag_speckles(&disparity, flags, region, level, control)?;
         }
 
-        // Filling comes after all checks: it spreads only what has passed them.
+        // Filling comes after all checks: it spreads only disparities that have passed them.
         if settings.has_checks() {
             fill(&mut disparity, flags, level, control)?;
         }
@@ -278,7 +278,7 @@ impl Draft<'_> {
     }
 }
 
-/// Replaces a map by what a stage makes of it. Two planes alternate: a plane for every stage would have to be
+/// Replaces a map by the result of a stage. Two planes alternate: a plane for every stage would have to be
 /// cleared first, and all of them together would take more memory than the result.
 fn replace(
     disparity: &mut Plane<f32>,
@@ -292,7 +292,7 @@ fn replace(
     Ok(())
 }
 
-/// The spare plane, if there is one, or a new plane of the size of another.
+/// The spare plane, if any, or a new plane of the size of `like`.
 fn taken(spare: &mut Option<Plane<f32>>, like: &Plane<f32>) -> Result<Plane<f32>> {
     spare.take().map_or_else(|| Plane::new(like.rows(), like.cols()), Ok)
 }
@@ -312,7 +312,7 @@ pub fn invalidate(
     for (x, (disparity, flags)) in disparity.iter_mut().zip(flags).enumerate() {
         let confidence = confidences.map_or(1.0, |confidences| confidences[x]);
 
-        // A disparity from elsewhere is no longer there once it is invalid, so the flag that says so goes as well.
+        // An invalid disparity no longer comes from elsewhere, so that flag is cleared as well.
         if f64::from(confidence) < settings.min_confidence && !disparity.is_nan() {
             *flags = (*flags | flag::LOW_CONFIDENCE) & !(flag::FILLED | flag::SECOND);
             *disparity = f32::NAN;

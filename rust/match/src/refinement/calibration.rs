@@ -1,25 +1,25 @@
 //! Raw confidences -> probabilities that a disparity is within 1 px of the true one, and error bars.
 //!
-//! A raw confidence of 0.8 is right in 95 % of the pixels of a sharp pair, and in half of those of a pair
-//! that has failed. Traits of the pair distinguish the two, above all the mean of the raw confidences
-//! themselves. So the logarithms of the odds are mapped by straight lines whose slope and height depend on
-//! the traits, one line for disparities of their own and one for those filled in:
+//! Disparities with a raw confidence of 0.8 are right in 95 % of the pixels of a sharp pair, but in half of
+//! those of a pair that has failed. Traits of the pair distinguish the two, above all the mean of the raw
+//! confidences themselves. So straight lines map the logarithms of the odds; their slopes and heights depend
+//! on the traits, with one line for a pixel's own disparity and one for filled ones:
 //!
 //! ```text
 //! trait      = 1, odds of the mean raw confidence of pixels not filled, how far these are below LOW_ODDS,
 //!              odds of the share that fails the checks, noise, smoothing, whether there is a blur,
-//!              share at the ends of the range that was searched
+//!              share at the ends of the searched range
 //! z          = sum of trait (height + slope odds(raw) + if filled: height + slope odds(raw))
 //! confidence = 1 / (1 + exp(-z))
 //! bar        = exp(line through KNOTS points at z, own or filled + sum of trait bars)
 //! odds(p)    = ln(p / (1 - p))
 //! ```
 //!
-//! Both are functions of the raw confidence and of one flag, so they are tables that are made once for a
-//! pair. The weights are learned by `phasestereo bench confidence`, which writes `weights.rs`.
+//! Both are functions of the raw confidence and of one flag, so they are tables made once per pair. The
+//! weights are learned by `phasestereo bench confidence`, which writes `weights.rs`.
 //!
-//! The traits are those of the whole pair. Of tall images they are taken from some rows alone, always the
-//! same ones, so that parts of a pair can be matched by themselves once these rows are known.
+//! The traits are those of the whole pair. For tall images they come from a fixed set of rows, so that parts
+//! of a pair can be matched by themselves once these rows are known.
 
 mod weights;
 
@@ -47,11 +47,11 @@ use crate::settings::Optimizer;
 pub const TRAITS: usize = 8;
 /// Points of the logarithm of the bar.
 pub const KNOTS: usize = 10;
-/// The place of the first of them; the others follow in steps of 1.
+/// The first of these points; the others follow in steps of 1.
 pub const FIRST_KNOT: f64 = -4.0;
 /// Steps of a raw confidence.
 pub const BINS: usize = 1024;
-/// Steps of a confidence that is summed: integers sum to the same in any order.
+/// Steps of a confidence that is summed: integers give the same sum in any order.
 pub const STEPS: f32 = (1 << 20) as f32;
 /// Pixels whose confidences, in steps, sum to less than 2^32.
 const PART: usize = 2048;
@@ -61,17 +61,16 @@ pub const FAILED: u16 = flag::OCCLUDED | flag::MISMATCHED | flag::SPECKLE;
 /// Learned weights.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Weights {
-    /// Of each trait: height, slope, and what filled pixels add to both.
+    /// For each trait: height, slope, and the amounts that filled pixels add to both.
     pub odds: [[f64; 4]; TRAITS],
-    /// The points of the logarithm of the bar, of disparities of their own and of filled ones.
+    /// The points of the logarithm of the bar, for a pixel's own disparity and for filled ones.
     pub knots: [[f64; KNOTS]; 2],
     /// The part of the bar that each trait adds.
     pub bars: [f64; TRAITS],
 }
 
 impl Weights {
-    /// The weights of what was learned of matches by this optimizer. The fewer paths, the less does a raw
-    /// confidence mean.
+    /// The weights learned from matches by this optimizer. With fewer paths, a raw confidence means less.
     pub fn of(optimizer: Optimizer) -> &'static Self {
         let [four_paths, two_paths, none] = &weights::WEIGHTS;
         match optimizer {
@@ -82,7 +81,7 @@ impl Weights {
     }
 }
 
-/// Sums over pixels of a raw map that say how well a pair was matched.
+/// Sums over pixels of a raw map that show how well a pair was matched.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Tally {
     /// Raw confidences of pixels not filled, in steps.
@@ -91,15 +90,15 @@ pub struct Tally {
     pub own: u64,
     /// Pixels that fail the left-right check or are speckles.
     pub failed: u64,
-    /// Pixels not filled whose disparity is at an end of the range that was searched, unless that end is
-    /// zero: nothing lies behind infinity.
+    /// Pixels not filled whose disparity is at an end of the searched range, unless that end is zero: nothing
+    /// lies beyond infinity.
     pub ends: u64,
     /// All pixels.
     pub pixels: u64,
 }
 
 impl Tally {
-    /// The sums over some pixels, whose disparities were searched among these candidates.
+    /// The sums over some pixels whose disparities were searched among these candidates.
     pub fn new(confidence: &[f32], disparity: &[f32], flags: &[u16], candidates: Candidates) -> Self {
         let [low, high] = [0, candidates.count() - 1].map(|k| candidates.disparity(k) as f32);
         // Sub-pixel disparities lie up to half a pixel from their candidate.
@@ -113,7 +112,7 @@ impl Tally {
         parts.map(tally).fold(Self::default(), Self::and)
     }
 
-    /// The sums over those rows of a whole raw map that are to be sampled.
+    /// The sums over the sampled rows of a whole raw map.
     pub fn of_sample(
         confidence: &Plane<f32>,
         disparity: &Plane<f32>,
@@ -162,7 +161,7 @@ fn tally_part(level: Level, confidence: &[f32], disparity: &[f32], flags: &[u16]
     }
 }
 
-/// The rows of an image of this height that a tally is taken of.
+/// The rows that are tallied in an image of this height.
 pub fn sampled(height: usize) -> Vec<Range<usize>> {
     if height <= FEW_ROWS {
         return iter::once(0..height).collect();
@@ -179,7 +178,7 @@ fn odds(share: f64) -> f64 {
     ln(share / (1.0 - share))
 }
 
-/// The same of the middle of every step of a raw confidence, which are computed once.
+/// The log odds at the middle of every step of a raw confidence, computed once.
 fn odds_of_bins() -> &'static [f64] {
     static ODDS: OnceLock<Vec<f64>> = OnceLock::new();
     ODDS.get_or_init(|| (0..BINS).map(|bin| odds((bin as f64 + 0.5) / BINS as f64)).collect())
@@ -190,7 +189,7 @@ fn odds_of_bins() -> &'static [f64] {
 pub struct Faults {
     /// Standard deviation of the noise of the noisier image, gray levels of 8 bits.
     noise: f64,
-    /// Standard deviation, gray levels of 8 bits, of the smoothing of the image that is smoothed more.
+    /// Standard deviation of the smoothing of the more smoothed image, gray levels of 8 bits.
     smoothing: f64,
     /// Whether a blur is compensated.
     is_blurred: bool,
@@ -232,10 +231,10 @@ pub fn traits(tally: Tally, faults: Faults) -> [f64; TRAITS] {
     [1.0, own, (LOW_ODDS - own).max(0.0), failed, noise, smoothing, blur, ends]
 }
 
-/// The confidence and the bar of every raw confidence, of one pair.
+/// The confidence and the bar for every raw confidence of one pair.
 #[derive(Debug)]
 pub struct ConfidenceCalibration {
-    /// Of disparities of their own, then of filled ones.
+    /// For a pixel's own disparity, then for filled ones.
     tables: Vec<[f32; 2]>,
 }
 
@@ -259,8 +258,8 @@ impl ConfidenceCalibration {
         Self { tables: table(0).chain(table(1)).collect() }
     }
 
-    /// Replaces raw confidences, and returns the bars: 0 and NaN where there is no disparity. What was filled
-    /// in where the right image shows nothing has no support, whatever lies around it.
+    /// Replaces raw confidences, and returns the bars; without a disparity they are 0 and NaN. Pixels filled
+    /// where the right image shows nothing have no support, whatever surrounds them.
     pub fn apply(
         &self,
         confidence: &mut Plane<f32>,
@@ -293,7 +292,7 @@ impl ConfidenceCalibration {
     }
 }
 
-/// The height of the line through points one apart; beyond the ends that of the last point.
+/// The height of the line through points one apart; beyond the ends, that of the last point.
 pub fn at(knots: &[f64; KNOTS], z: f64) -> f64 {
     let place = (z - FIRST_KNOT).clamp(0.0, (KNOTS - 1) as f64);
     let left = (place as usize).min(KNOTS - 2);

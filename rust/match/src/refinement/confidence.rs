@@ -1,26 +1,26 @@
-//! The costs of a disparity and the disparities around it -> confidence: how likely it is right.
+//! The costs of a disparity and the disparities around it -> confidence: the likelihood that it is right.
 //!
-//! Every pixel votes for its own disparity, the more strongly the further its best candidate is ahead of all
-//! others. The support of a disparity is the share of the votes around it that agree, weighted by how similar
-//! the gray values are, since similar pixels tend to show the same surface:
+//! Every pixel votes for its own disparity, more strongly the further its best candidate is ahead of all
+//! others. The support of a disparity is the share of the votes around it that agree, weighted by the
+//! similarity of gray values, since similar pixels tend to show the same surface:
 //!
 //! ```text
 //! vote(q)    = ahead(q) / (ahead(q) + HALF_VOTE)          # ahead: second-best cost - best cost
 //! weight(q)  = s^2 / (s^2 + (gray(p) - gray(q))^2)        # s: SIMILAR_GRAY mean differences of neighbors
-//! support(p) = sum of weight(q) vote(q) over q that agree / sum of weight(q) over all q around p that have one
+//! support(p) = sum of weight(q) vote(q) over q that agree / sum of weight(q) over all q with a disparity
 //! confidence = support^3 / (support^3 + HALF_SUPPORT)
 //! ```
 //!
-//! So a weak pixel among firm ones that agree is trusted, and a firm pixel that stands alone is not.
+//! So a weak pixel among strong ones that agree is trusted, and a strong pixel that stands alone is not.
 //!
-//! Neighbors are taken in pairs opposite one another. Gray values are in units of `s`, and the two weights of
-//! a pair, `1 / a` and `1 / b`, are `b / (a b)` and `a / (a b)`: one division instead of two, of all
-//! operations the slowest.
+//! Neighbors are processed in opposite pairs. Gray values are in units of `s`, and the two weights of a pair,
+//! `1 / a` and `1 / b`, are `b / (a b)` and `a / (a b)`: this replaces two divisions, the slowest operations,
+//! by one.
 //!
 //! It separates right from wrong pixels better than the ratio of the second-best cost to the best one (PKR)
-//! or their relative margin, on sharp and on degraded pairs. Nothing else that was tried beside it made it
-//! better: the left-right check, the share of the paths that agree, the cost itself, what of it are
-//! penalties, whether a pixel was filled. `phasestereo bench confidence` measures what becomes of it.
+//! or their relative margin, on sharp and on degraded pairs. Adding other measures did not improve it: the
+//! left-right check, the share of paths that agree, the cost itself, the share of penalties in it, whether a
+//! pixel was filled. `phasestereo bench confidence` measures its performance.
 //!
 //! X. Hu, P. Mordohai: *A Quantitative Evaluation of Confidence Measures for Stereo Vision*, PAMI 2012.
 
@@ -36,12 +36,13 @@ use crate::refinement::window_rows::{BAND, WindowRows, missing_rows};
 
 const _: () = assert!(CONFIDENCE_RADIUS.is_multiple_of(CONFIDENCE_STEP), "a pixel has a vote for itself");
 
-/// Rows within reach of one row, its own in the middle.
+/// Rows within reach of one row, which is in the middle.
 const ROWS: usize = 2 * CONFIDENCE_RADIUS + 1;
-/// Rows of them, and columns, that count.
+/// Rows of these, and columns, that count.
 const SIDE: usize = 2 * CONFIDENCE_RADIUS / CONFIDENCE_STEP + 1;
 /// The gray value of pixels without a disparity, in units of the difference at which votes count half: their
-/// weight is lost beside a pixel's own, 1, and the product of the inverses of two weights is still finite.
+/// weight vanishes beside the pixel's own of 1, and the product of the inverses of two weights is still
+/// finite.
 pub const UNLIKE: f32 = (1u32 << 30) as f32;
 
 /// The computation of confidences.
@@ -53,8 +54,8 @@ impl Stage for Confidences {
     }
 }
 
-/// The cost margin of a choice: its aggregated cost, and the least one of candidates not next to it, which
-/// see the same match.
+/// The cost margin of a choice: its aggregated cost, and the lowest one among candidates not next to it,
+/// since neighbors see the same match.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct CostMargin {
     /// Cost of the chosen candidate.
@@ -70,7 +71,8 @@ impl CostMargin {
         Self { best, second_best: (second_best != NONE).then_some(second_best) }
     }
 
-    /// Whether the cost of the choice is not lower than the second-best one by `percent` of it, at most 100.
+    /// Whether the cost of the choice is not at least `percent` (at most 100) of the second-best one below
+    /// that.
     #[inline(always)]
     pub fn is_ambiguous(self, percent: u64) -> bool {
         let best = u64::from(self.best);
@@ -78,7 +80,7 @@ impl CostMargin {
     }
 }
 
-/// The vote of a pixel, from 0 to 1, by its cost margin, of which `unit` steps are one unit of the mean cost.
+/// The vote of a pixel, from 0 to 1, given its cost margin; `unit` steps are one unit of the mean cost.
 #[inline(always)]
 pub fn vote(margin: CostMargin, unit: f32) -> f32 {
     let Some(second_best) = margin.second_best else { return 0.0 };
@@ -87,14 +89,14 @@ pub fn vote(margin: CostMargin, unit: f32) -> f32 {
     ahead / (ahead + HALF_VOTE * unit)
 }
 
-/// The confidence, from 0 to 1, of a disparity with so much support, from 0 to 1.
+/// The confidence, from 0 to 1, of a disparity with this support, from 0 to 1.
 #[inline(always)]
 pub fn confidence(support: f32) -> f32 {
     let cube = support * support * support;
     cube / (cube + HALF_SUPPORT)
 }
 
-/// A map with the votes for it; planes of one size.
+/// A map and the votes for it, in planes of one size.
 #[derive(Debug, Clone, Copy)]
 pub struct VotedMap<'a> {
     /// Disparities, pixels; NaN: none.
@@ -126,13 +128,14 @@ impl VotedMap<'_> {
     }
 }
 
-/// The square of the difference of gray values at which votes count half: at least that of one step.
+/// The square of the difference of gray values at which votes count half; the difference is at least one
+/// step.
 pub fn similar(roughness: Roughness) -> f32 {
     let difference = (SIMILAR_GRAY * roughness.mean()).max(1.0) as f32;
     difference * difference
 }
 
-/// The rows within reach of one row; row `y` of the map is number `y + CONFIDENCE_RADIUS`.
+/// The rows within reach of one row; row `y` of the map has number `y + CONFIDENCE_RADIUS`.
 struct VotedRows {
     disparity: WindowRows<f32, ROWS>,
     votes: WindowRows<f32, ROWS>,
@@ -160,7 +163,7 @@ impl VotedRows {
         }
     }
 
-    /// The row of this number, from `before` columns before its first one on.
+    /// The row of this number, starting `before` columns before its first one.
     #[inline(always)]
     fn row(&self, number: usize, before: usize, count: usize) -> VotedPixels<'_> {
         let [disparity, votes, gray] =
@@ -186,8 +189,7 @@ impl VotedPixels<'_> {
     }
 }
 
-/// Writes the confidences of a band of rows, of which `first` is the first. `weights`: the sums of the
-/// weights of a row.
+/// Writes the confidences of a band that begins at row `first`. `weights`: the sums of the weights of a row.
 #[leveled]
 fn support(
     level: Level,
@@ -228,9 +230,9 @@ fn support(
 }
 
 /// Adds the votes of the pixels of two rows to the sums of each pixel, from column `FIRST` of the windows on:
-/// each ahead with its opposite behind. A neighbor without a disparity votes neither for nor against.
+/// each pixel ahead with its opposite behind. A neighbor without a disparity votes neither for nor against.
 ///
-/// One loop over the pixels, in which all pairs are a constant distance away: the sums stay in registers.
+/// One loop over the pixels, with all pairs at constant distances: the sums stay in registers.
 #[inline(always)]
 fn add_pairs<const FIRST: usize>(
     here: VotedPixels,

@@ -1,6 +1,6 @@
-//! Disparities for pixels whose own are not trusted: that of the background beside them.
+//! Disparities for pixels whose own are not trusted: those of the background beside them.
 //!
-//! An occluded pixel belongs to the farther one of the surfaces beside it. For wrong matches nothing was
+//! An occluded pixel belongs to the farther of the surfaces beside it. For wrong matches, no alternative was
 //! clearly better: not the nearer neighbor, not the one with the more similar gray value, not the one on the
 //! same side of the largest step of gray values.
 
@@ -19,7 +19,7 @@ use crate::pair::plan::{Plan, Stage};
 use crate::refinement::flag;
 use crate::refinement::window_rows::BAND;
 
-/// Pixels that are tested together for the end of a gap: the bytes of a word.
+/// Pixels tested together for the end of a gap: the bytes of a word.
 const LOOK: usize = 8;
 
 /// The filling of untrusted pixels.
@@ -32,8 +32,8 @@ impl Stage for Filling {
 }
 
 /// Gives every untrusted pixel the smaller disparity of the nearest trusted pixels to its left and right, and
-/// [`flag::FILLED`]. A row without any trusted pixel takes the filled values of the nearest row that has one,
-/// up to [`FILLING_REACH`] away (ties: above); without such a row it stays as it is.
+/// [`flag::FILLED`]. A row without any trusted pixel copies the filled values of the nearest row that has
+/// one, up to [`FILLING_REACH`] away (ties: above); without such a row it stays unchanged.
 ///
 /// Masked pixels become NaN.
 pub fn fill(
@@ -89,14 +89,14 @@ pub fn is_trusted(disparity: f32, flags: u16) -> bool {
 /// Buffers of rows that are spread one after another.
 #[derive(Debug, Default)]
 struct Spread {
-    /// The trusted values of a row, and what fills the gaps between them.
+    /// The trusted values of a row, and those that fill the gaps between them.
     row: Memory<f32>,
     /// 1 where a gap begins or ends, else 0; zeros up to a multiple of [`LOOK`].
     ends: Memory<u8>,
 }
 
 impl Spread {
-    /// The trusted values of a row; in each gap the smaller one of the values at its ends.
+    /// The trusted values of a row; each gap has the smaller one of the values at its ends.
     fn find(&mut self, disparity: &[f32], flags: &[u16], level: Level) -> Result<&[f32]> {
         let cols = disparity.len();
         self.row.resize(cols)?;
@@ -105,7 +105,7 @@ impl Spread {
         let Self { row, ends } = self;
         find_gaps(level, disparity, flags, row, ends);
 
-        // Eight bytes are tested at once: most pixels are at no end.
+        // Eight bytes are tested at once: most pixels are not at an end.
         let mut start = None;
         for (look, ends) in ends.as_chunks::<LOOK>().0.iter().enumerate() {
             let mut ends = u64::from_le_bytes(*ends);
@@ -130,7 +130,7 @@ impl Spread {
     }
 }
 
-/// Fills a gap of a row by the smaller one of the values at its ends.
+/// Fills a gap of a row with the smaller one of the values at its ends.
 fn fill_gap(row: &mut [f32], gap: Range<usize>) {
     let before = gap.start.checked_sub(1).map_or(f32::NAN, |x| row[x]);
     let after = row.get(gap.end).copied().unwrap_or(f32::NAN);

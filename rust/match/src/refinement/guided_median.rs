@@ -1,26 +1,28 @@
-//! Guided median: aligns edges in depth with those of the image. Near a jump of the disparities each pixel
+//! Guided median: aligns depth edges with those of the image. Near a jump of the disparities, each pixel
 //! takes the median of the disparities around it, weighted by similarity of the gray values and by distance.
 //!
 //! ```text
 //! for pixels within NEAR of a jump:
-//!     weight of each around = likeness(difference of gray values / mean difference of neighbors) * nearness(distance)
-//!     disparity = the weighted median, of two in the middle the smaller one: that of the background
+//!     weight of each pixel around = likeness(difference of gray values / mean difference of neighbors)
+//!                                   * nearness(distance)
+//!     disparity = the weighted median; of two in the middle, the smaller one: that of the background
 //! ```
 //!
 //! Costs are summed over windows and paths, which moves the edges of surfaces by a few pixels. The left-right
-//! check does not see that, and filling does not look at the image. Away from jumps everything stays as it
-//! is. That gray values are compared by the mean difference of neighbors makes it the same for any contrast.
+//! check does not detect that, and filling does not use the image. Away from jumps nothing changes. Gray
+//! values are compared in units of the mean difference of neighbors, so the result does not depend on
+//! contrast.
 //!
 //! | | pixels of a window | within | likeness | nearness |
 //! |---|---|---|---|---|
 //! | [`GuidedMedian::Narrow`] | 5 x 5, every second one | 4 px | 1 up to one mean difference, else 0 | 1 |
 //! | [`GuidedMedian::Wide`] | 7 x 7, every third one | 8 px | falls from 1 to 0 at 16 mean differences | Gaussian of 6 px |
 //!
-//! Every map takes the narrow median, which keeps thin objects. After the
-//! [`synthesis`] of a blurred image, edges are wide ramps and off by more
-//! pixels, so the wide median follows. Sampled windows are as accurate as full ones.
+//! Every map takes the narrow median, which keeps thin objects. After the [`synthesis`] of a blurred image,
+//! edges are wide ramps and off by more pixels, so the wide median follows. Sampled windows are as accurate
+//! as full ones.
 //!
-//! Arithmetic is in 16-bit integers, many pixels side by side: disparities are counted in steps from the
+//! Arithmetic uses 16-bit integers, many pixels side by side: disparities are counted in steps from the
 //! pixel's own, and the median is found by bisection.
 
 use std::array::from_fn;
@@ -44,16 +46,14 @@ pub enum GuidedMedian {
     Wide,
 }
 
-/// Windows of `SIDE` x `SIDE` pixels that are `STRIDE` rows or columns apart, for pixels within `NEAR` of a
-/// jump.
+/// Windows of `SIDE` x `SIDE` pixels, `STRIDE` rows or columns apart, for pixels within `NEAR` of a jump.
 #[derive(Debug, Clone, Copy)]
 struct JumpWindows<const SIDE: usize, const STRIDE: usize, const NEAR: usize> {
-    /// Steps of gray values to the mean difference of horizontal neighbors.
+    /// Steps of gray values per mean difference of horizontal neighbors.
     fineness: f64,
-    /// Difference of gray values, in these steps, from which on they have nothing in common: their weight is
-    /// 0.
+    /// Smallest difference of gray values, in these steps, with weight 0.
     unlike: u16,
-    /// By how much weights grow with every step below it, up to [`MOST`].
+    /// Growth of weights per step below it, up to [`MOST`].
     growth: u16,
     /// Weights by the distance in strides along rows and columns.
     nearness: fn(usize, usize) -> u16,
@@ -78,12 +78,12 @@ const WEIGHTS: [[u16; 4]; 4] =
     [[255, 226, 155, 83], [226, 199, 137, 73], [155, 137, 94, 50], [83, 73, 50, 27]];
 /// The weight of equal gray values, and of the nearest pixels.
 const MOST: u16 = 255;
-/// Steps of a disparity to the pixel.
+/// Steps of a disparity per pixel.
 const FINENESS: f32 = 8.0;
 
 /// Largest magnitude of gray values in their steps.
 const FARTHEST: f64 = 16_383.0;
-/// The gray value of pixels that do not count: further from any other than weights reach.
+/// The gray value of pixels that do not count: weights do not reach this far from any other value.
 const NOTHING: i16 = i16::MAX;
 
 /// Pixels that are filtered at a time.
@@ -209,7 +209,7 @@ fn quantize(level: Level, disparity: &[f32], gray: &[i32], scale: f32, grays: &m
     for x in 0..n {
         let level = (gray[x] as f32 * scale).clamp(-FARTHEST as f32, FARTHEST as f32);
         grays[x] = if disparity[x].is_nan() { NOTHING } else { whole(level) as i16 };
-        // NaN becomes 0 steps; its gray value takes its weight away.
+        // NaN becomes 0 steps; its gray value sets its weight to 0.
         steps[x] = whole(disparity[x] * FINENESS);
     }
 }
@@ -271,7 +271,7 @@ impl<const SIDE: usize, const STRIDE: usize, const NEAR: usize> Loop for Filter<
 type PixelLanes<T> = [T; LANES];
 
 impl<const SIDE: usize, const STRIDE: usize, const NEAR: usize> JumpWindows<SIDE, STRIDE, NEAR> {
-    /// The disparities in the windows less the pixel's own, in steps.
+    /// The disparities in the windows minus the pixel's own, in steps.
     #[inline(always)]
     fn away(steps: [&[i32]; SIDE]) -> [[PixelLanes<i16>; SIDE]; SIDE] {
         let mut away = [[[0; LANES]; SIDE]; SIDE];
@@ -315,11 +315,10 @@ impl<const SIDE: usize, const STRIDE: usize, const NEAR: usize> JumpWindows<SIDE
     }
 }
 
-/// The weighted median: the least value such that half of the weight is not above it; 0 where there is no
-/// weight.
+/// The weighted median: the smallest value such that half of the weight is not above it; 0 without weight.
 ///
-/// By bisection between the least and the largest value with any weight, for all pixels until the last one
-/// has its median.
+/// By bisection between the smallest and the largest value with any weight, for all pixels until the last one
+/// is done.
 #[inline(always)]
 fn median(values: &[PixelLanes<i16>], weights: &[PixelLanes<u16>]) -> PixelLanes<i16> {
     let mut low = [0; LANES];
@@ -337,7 +336,7 @@ fn median(values: &[PixelLanes<i16>], weights: &[PixelLanes<u16>]) -> PixelLanes
         let mut middle = [0; LANES];
         let mut below = [0; LANES];
         for j in 0..LANES {
-            // The mean rounded down, without the overflow of a sum.
+            // The mean, rounded down, without overflow of the sum.
             middle[j] = (low[j] & high[j]) + ((low[j] ^ high[j]) >> 1);
         }
 
@@ -348,7 +347,7 @@ fn median(values: &[PixelLanes<i16>], weights: &[PixelLanes<u16>]) -> PixelLanes
         for j in 0..LANES {
             let is_low = 2 * below[j] >= total[j];
             let (least, most) = (middle[j].wrapping_add(1), middle[j]);
-            // Pixels that have their median stay as they are.
+            // Finished pixels stay unchanged.
             low[j] = if is_low | (low[j] == high[j]) { low[j] } else { least };
             high[j] = if is_low & (low[j] != high[j]) { most } else { high[j] };
         }
@@ -357,7 +356,7 @@ fn median(values: &[PixelLanes<i16>], weights: &[PixelLanes<u16>]) -> PixelLanes
     low
 }
 
-/// Widens the range to values that have any weight, by masks as in [`add_where`].
+/// Widens the range to values with any weight, using masks as in [`add_where`].
 #[inline(always)]
 fn widen(values: &PixelLanes<i16>, weights: &PixelLanes<u16>, [low, high]: [&mut PixelLanes<i16>; 2]) {
     for j in 0..LANES {
@@ -368,7 +367,7 @@ fn widen(values: &PixelLanes<i16>, weights: &PixelLanes<u16>, [low, high]: [&mut
     }
 }
 
-/// Adds the weights of values up to `most`. By masks: a choice would be compiled pixel by pixel.
+/// Adds the weights of values up to `most`. It uses masks: a choice would be compiled pixel by pixel.
 #[inline(always)]
 fn add_where(
     values: &PixelLanes<i16>,

@@ -12,14 +12,14 @@ const MOST_REACH: usize = 8;
 /// Columns whose jumps matter for these pixels.
 const AROUND: usize = LANES + 2 * MOST_REACH;
 
-/// Marks the pixels of a row within reach of a jump in the same row, to the right or lower neighbor, by bytes
-/// that are not 0.
+/// Marks, with nonzero bytes, the pixels of a row within reach of a jump in the same row to the right or
+/// lower neighbor.
 pub struct Mark<'a, const REACH: usize> {
     /// Disparities of the row.
     pub here: &'a [f32],
     /// Disparities of the row below it.
     pub below: &'a [f32],
-    /// The marks, to be written.
+    /// The marks, writable.
     pub jumps: &'a mut [u8],
 }
 
@@ -33,7 +33,7 @@ impl<const REACH: usize> Loop for Mark<'_, REACH> {
         let mut buffer = [[0.0; AROUND + 1]; 2];
         for (index, out) in self.jumps.chunks_mut(LANES).enumerate() {
             let first = (index * LANES) as isize - REACH as isize;
-            // Differences with NaN are no jumps: beyond the image there are none.
+            // Differences with NaN are not jumps: there are none beyond the image.
             let [here, below] = parts([self.here, self.below], first, &mut buffer, |_, _| f32::NAN);
             let (here, next, below) = (&here[..AROUND], &here[1..][..AROUND], &below[..AROUND]);
 

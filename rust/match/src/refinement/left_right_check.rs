@@ -1,8 +1,8 @@
-//! The left-right check without a second match: which left pixel owns the right pixel that was chosen for it.
+//! The left-right check without a second match: it finds the left pixel that owns each chosen right pixel.
 //!
-//! A right pixel belongs to at most one left pixel. Where several have chosen it, the one with the least cost
-//! owns it, and the others are wrong. A surface may be longer on the left than on the right, so pixels with
-//! about the owner's disparity pass.
+//! A right pixel belongs to at most one left pixel. If several chose it, the one with the lowest cost owns
+//! it, and the others are wrong. A surface may be longer on the left than on the right, so pixels with about
+//! the owner's disparity pass.
 
 use crate::base::error::Result;
 use crate::base::memory::Memory;
@@ -19,20 +19,20 @@ pub struct Choices<'a> {
     pub chosen: &'a [u16],
     /// Cost of each choice.
     pub costs: &'a [u32],
-    /// The disparities that were searched.
+    /// The searched disparities.
     pub candidates: Candidates,
 }
 
 /// Checks row by row; its buffers are reused.
 #[derive(Debug, Default)]
 pub struct Checker {
-    /// The right column chosen for each left pixel, the number of columns where there is none; then the left
-    /// column of its owner, [`u32::MAX`] without one.
+    /// The right column chosen for each left pixel, or the number of columns without a match; later the left
+    /// column of its owner, or [`u32::MAX`].
     columns: Memory<u32>,
     /// The owner of every right pixel, as one number: its cost in the upper 32 bits, its column, counted from
-    /// the end, in the lower ones. The least number wins: the least cost, among equal ones the largest
-    /// disparity, since the nearer surface hides the other. One more element for left pixels without a match:
-    /// loops have no branches.
+    /// the end, in the lower ones. The smallest number wins: the lowest cost, among equal ones the largest
+    /// disparity, since the nearer surface hides the other. One more element for left pixels without a match
+    /// keeps loops free of branches.
     owners: Memory<u64>,
     /// Whether each left pixel agrees with the owner of its match; one more element on either side.
     consistent: Memory<bool>,
@@ -49,9 +49,10 @@ impl Checker {
     /// Flags the pixels of a row whose match is owned by a pixel with a disparity more than `most` away from
     /// theirs. The buffers must have the size of the row.
     ///
-    /// They are [`flag::MISMATCHED`] beside a consistent pixel and [`flag::OCCLUDED`] elsewhere: occlusions
-    /// are wider than borders of surfaces that are a little off. Of twelve scenes with known occlusions, 67 %
-    /// of the flagged pixels get the right flag; by whether the owner is nearer it would be 47 %.
+    /// They become [`flag::MISMATCHED`] beside a consistent pixel and [`flag::OCCLUDED`] elsewhere:
+    /// occlusions are wider than borders of surfaces that are slightly off. In twelve scenes with known
+    /// occlusions, 67 % of the flagged pixels receive the right flag; judging by whether the owner is nearer,
+    /// 47 % would.
     #[inline(always)]
     pub fn check(&mut self, choices: Choices, most: u16, flags: &mut [u16]) {
         let cols = choices.chosen.len();
@@ -99,8 +100,7 @@ fn claim(columns: &[u32], costs: &[u32], owners: &mut [u64]) {
     owners[columns.len()] = 0;
 }
 
-/// Replaces the chosen right columns by the left columns of their owners; [`u32::MAX`] where there is no
-/// match.
+/// Replaces the chosen right columns by the left columns of their owners; [`u32::MAX`] without a match.
 #[inline(always)]
 fn find_owners(columns: &mut [u32], owners: &[u64]) {
     for column in columns {
@@ -113,7 +113,7 @@ fn find_owners(columns: &mut [u32], owners: &[u64]) {
 fn compare(owners: &[u32], most: u16, consistent: &mut [bool], flags: &mut [u16]) {
     let pixels = owners.iter().zip(consistent).zip(flags);
     for (x, ((&owner, consistent), flags)) in (0..).zip(pixels) {
-        // The disparities of pixels with one match differ by as much as their columns do.
+        // The disparities of pixels with one match differ by the same amount as their columns.
         let is_near = owner.abs_diff(x) <= most.into();
         let is_matched = owner != u32::MAX;
 

@@ -1,8 +1,7 @@
 //! Medians of a map's neighboring disparities.
 //!
-//! Disparities are compared as integers of the same order, for which every instruction set has vector
-//! instructions. A median is a fixed sequence of minima and maxima, which is compiled for many pixels side by
-//! side.
+//! Disparities are compared as integers in the same order, for which all instruction sets have vector
+//! instructions. A median is a fixed sequence of minima and maxima, compiled for many pixels side by side.
 
 use std::array::from_fn;
 
@@ -13,9 +12,9 @@ use crate::base::simd::{Level, leveled};
 use crate::pair::plan::{Plan, Stage};
 use crate::refinement::window_rows::{BAND, WindowRows, missing_rows};
 
-/// The key of no disparity, below all others.
+/// The key of a missing disparity, below all others.
 pub const NONE: i32 = i32::MIN;
-/// Rows above and below a pixel that its median is taken over.
+/// Rows above and below a pixel that its median covers.
 pub const REACH: usize = 1;
 
 /// Rows and columns of a window.
@@ -32,7 +31,7 @@ impl Stage for Median {
 
 /// The median of the 3 x 3 disparities around each pixel; beyond the border the map repeats its edge.
 ///
-/// Neighbors without a disparity count as the pixel itself. A pixel without one stays without.
+/// For neighbors without a disparity, the pixel's own counts. A pixel without one stays without.
 pub fn smooth(
     disparity: &Plane<f32>,
     smoothed: &mut Plane<f32>,
@@ -61,14 +60,14 @@ pub fn disparity(key: i32) -> f32 {
     if key == NONE { f32::NAN } else { f32::from_bits(flipped(key).cast_unsigned()) }
 }
 
-/// Negative floats have the larger bits the smaller they are: flips all bits but their sign. Its own inverse.
+/// The smaller a negative float, the larger its bits: flips all of them but the sign. Its own inverse.
 #[inline(always)]
 fn flipped(bits: i32) -> i32 {
     bits ^ (bits >> 31 & i32::MAX)
 }
 
-/// Writes the medians of a band of rows, of which `first` is the first. `keys`: row `y` of the map is number
-/// `y + REACH`.
+/// Writes the medians of a band that begins at row `first`. `keys`: row `y` of the map has number `y +
+/// REACH`.
 #[leveled]
 fn medians(
     level: Level,
@@ -111,7 +110,7 @@ fn write_medians(keys: [&[i32]; SIDE], smoothed: &mut [f32]) {
         let mut window = [NONE; SIDE * SIDE];
         for (place, value) in window.iter_mut().enumerate() {
             let key = keys[place / SIDE][x + place % SIDE];
-            // Neighbors without a disparity count as the pixel itself.
+            // For neighbors without a disparity, the pixel's own counts.
             *value = if key == NONE { center } else { key };
         }
 
@@ -120,9 +119,9 @@ fn write_medians(keys: [&[i32]; SIDE], smoothed: &mut [f32]) {
     }
 }
 
-/// The median of 9 values, by excluding extremes: of any six of them neither the least nor the largest is the
-/// median of all. Each step excludes both and includes one value more; three values are left at the end. The
-/// steps are listed, since only a constant number of values stays in registers.
+/// The median of 9 values, by excluding extremes: of any six of them, neither the smallest nor the largest is
+/// the median of all. Each step excludes both and includes one more value; three values remain. The steps are
+/// listed, since only a constant number of values stays in registers.
 #[inline(always)]
 pub fn median9(mut values: [i32; 9]) -> i32 {
     extremes_to_ends::<6>(&mut values, 0);
@@ -135,14 +134,14 @@ pub fn median9(mut values: [i32; 9]) -> i32 {
     values[4]
 }
 
-/// Of `COUNT` values from the `first` on, moves the least to the front and the largest to the end.
+/// Moves the smallest of `COUNT` values from `first` on to the front, and the largest to the end.
 #[inline(always)]
 fn extremes_to_ends<const COUNT: usize>(values: &mut [i32], first: usize) {
     let values = &mut values[first..][..COUNT];
     let last = COUNT - 1;
     let half = COUNT.div_ceil(2);
 
-    // After this the lower half has the least value, the upper half the largest.
+    // After this, the lower half contains the smallest value, the upper half the largest.
     for i in 0..COUNT / 2 {
         order(values, i, last - i);
     }
@@ -155,7 +154,7 @@ fn extremes_to_ends<const COUNT: usize>(values: &mut [i32], first: usize) {
     }
 }
 
-/// Swaps two values where they are out of order.
+/// Swaps two values if they are out of order.
 #[inline(always)]
 fn order(values: &mut [i32], lower: usize, upper: usize) {
     let (a, b) = (values[lower], values[upper]);

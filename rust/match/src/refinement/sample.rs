@@ -1,12 +1,12 @@
-//! The share of wrong pixels of a map without confidences, from those of a few rows.
+//! The share of wrong pixels of a map without confidences, estimated from a few rows.
 //!
-//! Costs beside that of the chosen candidate take a fifth of the time of a fast match. One row in
-//! `SAMPLE_PERIOD` says as much of the map as a whole, and its confidences look at [`CONFIDENCE_RADIUS`] rows
-//! on either side, so that many are weighed:
+//! Costs other than that of the chosen candidate take a fifth of the time of a fast match. One row in
+//! `SAMPLE_PERIOD` represents the map as a whole, and its confidences use [`CONFIDENCE_RADIUS`] rows on
+//! either side, so these rows are weighed:
 //!
 //! ```text
-//! weighed: rows of the whole image with y mod SAMPLE_PERIOD in MIDDLE - CONFIDENCE_RADIUS ..= MIDDLE + CONFIDENCE_RADIUS
-//! wrong  = 1 - mean over the rows with y mod SAMPLE_PERIOD = MIDDLE of the calibrated confidence of pixels with a disparity
+//! weighed: rows of the whole image with y mod SAMPLE_PERIOD at most CONFIDENCE_RADIUS from MIDDLE
+//! wrong  = 1 - mean calibrated confidence of pixels with a disparity, where y mod SAMPLE_PERIOD = MIDDLE
 //! ```
 
 use std::borrow::Cow;

@@ -1,4 +1,5 @@
-//! Flags speckles: small regions whose disparities differ from all around them are wrong, whatever they cost.
+//! Flags speckles: small regions whose disparities differ from everything around them are wrong, whatever
+//! their costs.
 
 use std::ops::Range;
 
@@ -13,7 +14,7 @@ use crate::pair::plan::{Plan, Stage};
 use crate::refinement::filling::write_trusted;
 use crate::refinement::flag;
 
-/// Pixels that are tested together for the end of a run.
+/// Pixels tested together for the end of a run.
 const LOOK: usize = 8;
 
 /// The detection of speckles.
@@ -27,7 +28,7 @@ impl Stage for Speckles {
 }
 
 /// Flags the connected regions of up to `size` trusted pixels. Two neighbors, horizontal or vertical, are
-/// connected if their disparities differ by `range` at most.
+/// connected if their disparities differ by at most `range`.
 pub fn flag_speckles(
     disparity: &Plane<f32>,
     flags: &mut Plane<u16>,
@@ -94,7 +95,7 @@ impl Connectivity for TrustedMap<'_> {
             start = is_trusted.then_some(column as u32);
         };
 
-        // Eight bytes are tested at once: most pixels begin no run.
+        // Eight bytes are tested at once: most pixels do not begin a run.
         for (look, breaks) in row.breaks.as_chunks::<LOOK>().0.iter().enumerate() {
             let mut breaks = u64::from_le_bytes(*breaks);
             while breaks != 0 {
@@ -123,7 +124,7 @@ fn find_breaks(
 ) {
     write_trusted(disparity, flags, values);
 
-    // NaN is connected with nothing, so runs of trusted pixels end at untrusted ones.
+    // NaN is not connected with anything, so runs of trusted pixels end at untrusted ones.
     breaks[0] = 1;
     for ((out, from), to) in breaks[1..].iter_mut().zip(&values[..]).zip(&values[1..]) {
         let is_connected = (from - to).abs() <= range;

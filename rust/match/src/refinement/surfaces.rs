@@ -8,7 +8,7 @@ use crate::choices::{SAME_SURFACE, SURFACE_REACH};
 use crate::pair::plan::{Plan, Stage};
 use crate::refinement::window_rows::{BAND, WindowRows, missing_rows};
 
-/// Rows that a pixel is smoothed over, its own in the middle.
+/// Rows that a pixel is smoothed over, with its own in the middle.
 const SIDE: usize = 2 * SURFACE_REACH + 1;
 
 /// The smoothing of surfaces.
@@ -20,11 +20,10 @@ impl Stage for Surfaces {
     }
 }
 
-/// Replaces disparities by the mean over [`SURFACE_REACH`] pixels around, of pixels on the same surface. NaN
-/// stays NaN and does not count.
+/// Replaces disparities by the mean over the [`SURFACE_REACH`] pixels around, using pixels on the same
+/// surface. NaN stays NaN and does not count.
 ///
-/// Pixels count in pairs opposite one another, so that the mean of a slanted surface is the surface, up to
-/// its edge.
+/// Pixels count in opposite pairs, so that the mean of a slanted surface is the surface, up to its edge.
 pub fn smooth(
     disparity: &Plane<f32>,
     smoothed: &mut Plane<f32>,
@@ -42,8 +41,8 @@ pub fn smooth(
     })
 }
 
-/// Writes a band of rows, of which `first` is the first, smoothed over the rows around each. `rows`: row `y`
-/// of the map is number `y + SURFACE_REACH`. `counts`: pairs of each pixel of a row that count.
+/// Writes a band that begins at row `first`, smoothed over the rows around each. `rows`: row `y` of the map
+/// has number `y + SURFACE_REACH`. `counts`: for each pixel of a row, the pairs that count.
 #[leveled]
 fn smooth_rows(
     level: Level,
@@ -84,10 +83,10 @@ fn smooth_rows(
     }
 }
 
-/// Adds the pairs of two rows that count to the sums of each pixel, from column `FIRST` of the windows on:
-/// the differences from the pixel's own value, and their number.
+/// For the pairs of two rows that count, adds the differences from the pixel's own value, and their number,
+/// to the sums of each pixel, from column `FIRST` of the windows on.
 ///
-/// One loop over the pixels, in which all pairs are a constant distance away: the sums stay in registers.
+/// One loop over the pixels, with all pairs at constant distances: the sums stay in registers.
 #[inline(always)]
 fn add_pairs<const FIRST: usize>(
     own: &[f32],

@@ -1,22 +1,22 @@
-//! Analysis by synthesis: where one image is blurred, finds the disparities near jumps that explain it best.
+//! Analysis by synthesis: if one image is blurred, finds the disparities near jumps that explain it best.
 //!
-//! Under a blur the costs only say that a jump is somewhere within the kernel, and windows draw it to the
+//! Under a blur, the costs only show that a jump is somewhere within the kernel, and windows draw it to the
 //! wider side: near surfaces come out too large. But given a map, the soft (blurred) image can be synthesized
 //! from the sharp one and the estimated kernel. Where the jumps are wrong, the synthetic image differs from
 //! the soft one.
 //!
 //! ```text
 //! for map in the current one, the same eroded, the same dilated by RADIUS:
-//!     shown     = what each pixel of the soft view shows of the sharp image, by the map
+//!     shown     = the part of the sharp image that each pixel of the soft view shows, by the map
 //!     synthetic = shown under the kernel of its area
 //!     distance  = Hamming distance of the codes of the synthetic and of the soft image
 //!     unlike    = sum of distance over the window of SYNTHESIS_WINDOW pixels around
-//! each pixel takes the disparity of the map with the least unlike
+//! each pixel takes the disparity of the map with the smallest unlike
 //! ```
 //!
-//! If the left image is soft, everything happens in its view. If the right image is, the map is first warped
-//! there, nearer disparities first. The sums are then read where a left pixel lies by the smallest and by the
-//! largest of its disparities, so that all maps are judged at the same places.
+//! If the left image is soft, everything happens in its view. If the right image is soft, the map is first
+//! warped there, with nearer disparities first. The sums are then read at the places of a left pixel under
+//! the smallest and the largest of its disparities, so that all maps are judged at the same places.
 //!
 //! Only codes are compared, so neither contrast nor offset matters. All arithmetic is in integers, by bands
 //! of rows.
@@ -46,13 +46,13 @@ const REACH: usize = SYNTHESIS_WINDOW / 2;
 /// Columns whose extremes are found at a time.
 const LANES: usize = 32;
 
-/// A pair with the blur of its areas, and the rows of it that a map is of.
+/// A pair with the blur of its areas, and the rows that a map covers.
 #[derive(Debug)]
 pub struct BlurredPair<'a> {
     views: [&'a View; 2],
     compensation: &'a BlurCompensation,
     settings: &'a Settings,
-    /// The rows of the pair that the map is of.
+    /// The rows of the pair that the map covers.
     rows: Range<usize>,
     /// The scale of the gray values of both images.
     scales: [Gray<'a>; 2],
@@ -63,8 +63,7 @@ pub struct BlurredPair<'a> {
 /// The side of the image that is soft, if only one is (0: left, 1: right), and its blur relative to the
 /// other.
 ///
-/// `kernels` are what the two sides have to be blurred by to become alike, so the soft side is the one
-/// without.
+/// `kernels` blur the two sides to make them alike, so the soft side is the one without a kernel.
 pub fn softness(kernels: &[Option<Blur>; 2]) -> Option<(usize, &Blur)> {
     match kernels {
         [None, Some(blur)] => Some((0, blur)),
@@ -81,9 +80,9 @@ pub fn is_asked_for(settings: &Settings, compensation: Option<&BlurCompensation>
     settings.synthesis && settings.compares_codes() && compensation.is_some_and(is_soft)
 }
 
-/// Bytes of a pixel of both images that is kept to synthesize one of them, with the intermediate images.
+/// Bytes kept per pixel of both images to synthesize one of them, with the intermediate images.
 const KEPT_BYTES: usize = 28;
-/// Most bytes of a pixel of a band: of its maps, and of gray values, codes and sums of both views.
+/// Most bytes of a pixel of a band: for its maps, and for gray values, codes and sums of both views.
 const BAND_BYTES: usize = 64;
 
 /// Analysis by synthesis.
@@ -182,7 +181,7 @@ struct RivalMaps<'a> {
     rows: Range<usize>,
     /// The rows that they depend on.
     seen: Range<usize>,
-    /// The current map, eroded and dilated, of the rows that are seen.
+    /// The current map, eroded and dilated, of these rows.
     maps: [Plane<f32>; MAPS],
     /// The columns in which the maps of the band differ.
     columns: Range<usize>,
@@ -215,8 +214,8 @@ impl<'a> RivalMaps<'a> {
         Ok(Self { pair, level, control, rows, seen, maps, columns })
     }
 
-    /// The groups to judge: all classes with a soft left image together, since they lie in one view; else
-    /// each by itself.
+    /// The groups to judge: all classes with a soft left image together, since they share a view; otherwise
+    /// each class by itself.
     fn groups(&self) -> Result<Vec<ClassGroup<'a>>> {
         if self.columns.is_empty() {
             return Ok(vec![]);
@@ -262,12 +261,12 @@ impl<'a> RivalMaps<'a> {
         self.pair.compensation.write_classes(self.pair.rows.start + y, columns.start, labels);
     }
 
-    /// The rows of the band and `by` rows on either side, as far as they are seen.
+    /// The rows of the band and `by` rows on either side, within the rows that they depend on.
     fn within(&self, by: usize) -> Range<usize> {
         self.rows.start.saturating_sub(by)..(self.rows.end + by).min(self.seen.end)
     }
 
-    /// Replaces disparities of the pixels of a group by those of the map that explains them best.
+    /// Replaces disparities of a group's pixels by those of the map that explains them best.
     fn writer(&self, group: &ClassGroup, out: &mut [f32]) -> Result<()> {
         let cols = self.maps[0].cols();
         let view = view::SoftView::new(self, group)?;
@@ -296,8 +295,8 @@ impl<'a> RivalMaps<'a> {
     }
 }
 
-/// Rows of a map, and of the same eroded and dilated, where disparities that count as the same stay exactly
-/// the same.
+/// Rows of a map, and of the same map eroded and dilated, where disparities that count as the same stay
+/// exactly the same.
 fn rivals(disparity: &Plane<f32>, rows: &Range<usize>, level: Level) -> Result<[Plane<f32>; MAPS]> {
     let cols = disparity.cols();
     let new = || Plane::<f32>::new(rows.len(), cols);
@@ -337,7 +336,7 @@ fn column_extremes(level: Level, rows: [&[f32]; SIDE], least: &mut [i32], larges
         for x in 0..n {
             let key = key(row[x]);
 
-            // The key of no disparity is the least one, so only the minimum has to leave it out.
+            // The key of a missing disparity is the smallest, so only the minimum has to exclude it.
             least[x] = least[x].min(if key == NONE { i32::MAX } else { key });
             largest[x] = largest[x].max(key);
         }
@@ -418,7 +417,7 @@ fn differing([own, eroded, dilated]: &[Plane<f32>; MAPS], rows: Range<usize>) ->
     first.min(end)..end
 }
 
-/// Marks the pixels of a row that are of the classes of a group, by bytes that are not 0.
+/// Marks, with nonzero bytes, the pixels of a row that belong to the classes of a group.
 #[leveled]
 fn mark_classes(level: Level, labels: &[u8], blurs: &[(usize, &Blur)], out: &mut [u8]) {
     out.fill(0);
@@ -429,7 +428,7 @@ fn mark_classes(level: Level, labels: &[u8], blurs: &[(usize, &Blur)], out: &mut
     }
 }
 
-/// Takes the disparities of a map where their sums are less than the best ones so far.
+/// Takes the disparities of a map where their sums are below the best ones so far.
 #[leveled]
 fn take_better(
     level: Level,

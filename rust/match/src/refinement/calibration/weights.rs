@@ -2,7 +2,7 @@
 
 use super::Weights;
 
-/// The weights by what chose the disparities: four paths, two, or pixels and rows by themselves.
+/// The weights by how disparities were chosen: by four paths, by two, or by pixels and rows alone.
 pub const WEIGHTS: [Weights; 3] = [
     Weights {
         odds: [

@@ -1,4 +1,4 @@
-//! The soft view of a band: what it should show by each of the maps, and how much the soft image differs from
+//! The soft view of a band: the image it should show by each map, and how much the soft image differs from
 //! that.
 
 use std::mem::replace;
@@ -29,7 +29,7 @@ pub(super) struct SoftView<'a> {
 }
 
 impl<'a> SoftView<'a> {
-    /// Finds the columns that are needed, and describes the soft image there.
+    /// Finds the needed columns, and describes the soft image there.
     pub(super) fn new(band: &'a RivalMaps, group: &'a ClassGroup) -> Result<Self> {
         let pair = band.pair;
         let cols = band.maps[0].cols();
@@ -51,14 +51,15 @@ impl<'a> SoftView<'a> {
         Ok(Self { band, group, columns, around, soft, places })
     }
 
-    /// The difference of the soft image from the synthetic one by a map: a sum for each pixel of the band.
+    /// The difference between the soft image and the synthetic one by a map: a sum for each pixel of the
+    /// band.
     pub(super) fn unlike(&self, map: usize) -> Result<Plane<u16>> {
         let band = self.band;
         let distances = self.distances(self.shown(map)?)?;
         let mut sums = Plane::new(band.rows.len(), self.columns.len())?;
         let mut column_sums = zeroed(distances.cols())?;
 
-        // The first window but its last row; each further row completes one window and opens the next.
+        // The first window without its last row; each further row completes one window and opens the next.
         for y in 0..SYNTHESIS_WINDOW - 1 {
             slide_down(band.level, distances.row(y), None, &mut column_sums);
         }
@@ -121,8 +122,8 @@ impl<'a> SoftView<'a> {
         Ok(shown)
     }
 
-    /// Hamming distances of the codes of the synthetic and of the soft image, for the columns and rows that
-    /// are needed and their windows; 0 beside the image and where a pixel is masked or of no class of the
+    /// Hamming distances of the codes of the synthetic and the soft image, for the needed columns and rows
+    /// and their windows; 0 beside the image, where a pixel is masked, and where its class is not in the
     /// group.
     fn distances(&self, mut shown: Plane<i32>) -> Result<Plane<u8>> {
         let Self { band, group, .. } = self;
@@ -134,14 +135,14 @@ impl<'a> SoftView<'a> {
         let above = REACH - (band.rows.start - rows.start);
         let left = REACH - (self.columns.start - columns.start);
 
-        // Several classes share the left view only; each synthesizes all of it and keeps its own pixels.
+        // Several classes share only the left view; each synthesizes all of it and keeps its own pixels.
         let is_partial = group.side == 0 && band.pair.compensation.is_mixed();
         let mut labels = zeroed(columns.len())?;
         let mut bits = zeroed(columns.len())?;
 
         for (index, (class, blur)) in group.blurs.iter().enumerate() {
             let is_last = index + 1 == group.blurs.len();
-            // The last class takes the plane itself, which spares a copy.
+            // The last class takes the plane itself, which saves a copy.
             let gray = if is_last { replace(&mut shown, Plane::new(0, 0)?) } else { shown.clone() };
             let codes = band.codes(1 - group.side, gray, Some(blur))?;
 
@@ -172,7 +173,7 @@ impl<'a> SoftView<'a> {
 }
 
 impl RivalMaps<'_> {
-    /// The codes of gray values of one side, under a kernel if there is one.
+    /// The codes of gray values of one side, under a kernel if given.
     fn codes(&self, side: usize, gray: Plane<i32>, blur: Option<&Blur>) -> Result<Codes> {
         let Self { pair, level, control, .. } = *self;
         let noise = Some(pair.compensation.noise()[side]);
@@ -187,8 +188,8 @@ impl RivalMaps<'_> {
         }
     }
 
-    /// The columns of the right view where the pixels of the band lie by their smallest and by their largest
-    /// disparity, clamped into the image.
+    /// The columns of the right view where the pixels of the band lie under their smallest and largest
+    /// disparities, clamped into the image.
     fn places(&self) -> Result<[Plane<u32>; 2]> {
         let cols = self.maps[0].cols();
         let count = self.columns.len();
@@ -226,7 +227,7 @@ fn warp_left(right: &[i32], whole: &[i32], columns: Range<usize>, out: &mut [i32
     }
 }
 
-/// No disparity: nothing in the left image is seen there.
+/// No disparity: nothing of the left image is visible there.
 const UNSEEN: i32 = i32::MIN;
 
 /// Writes the disparity of each pixel of a row of the right view: the largest that leads to it. A pixel that
@@ -255,7 +256,7 @@ fn warp_disparities(whole: &[i32], seen: &mut [i32]) {
 struct RightView<'a> {
     left: &'a [i32],
     right: &'a [i32],
-    /// Steps of the left image to one of the right one.
+    /// Steps of the left image per step of the right one.
     scale: f64,
     /// Largest magnitude of gray values of the left image.
     reach: i64,
@@ -264,7 +265,7 @@ struct RightView<'a> {
 }
 
 impl RightView<'_> {
-    /// Writes some columns. Where nothing of the left image is seen the right image itself is shown, made as
+    /// Writes some columns. Where nothing of the left image is visible, they show the right image, made as
     /// bright as the left one beside it.
     fn write(&self, columns: Range<usize>, out: &mut [i32]) {
         let mut end = 0;
@@ -289,11 +290,11 @@ impl RightView<'_> {
 
     /// The right image, in steps of the left one.
     fn own(&self, x: usize) -> i64 {
-        // The cast saturates. Values of such size have no meaning, but their sums must not overflow.
+        // The cast saturates. Values this large are meaningless, but their sums must not overflow.
         i64::from((f64::from(self.right[x]) * self.scale).round() as i32)
     }
 
-    /// The end of the gap around a column, and how much brighter the left image is beside it than the right
+    /// The end of the gap around a column, and how much brighter the left image beside it is than the right
     /// one.
     fn gap(&self, x: usize) -> (usize, i64) {
         let is_seen = |x: &usize| self.seen[*x] != UNSEEN;
@@ -310,10 +311,10 @@ impl RightView<'_> {
     }
 }
 
-/// Rounds disparities to whole pixels (ties: even); 0: none.
+/// Rounds disparities to whole pixels (ties: even); a missing one becomes 0.
 #[leveled]
 fn round_row(level: Level, disparity: &[f32], whole: &mut [i32]) {
-    // The sum with 1.5 * 2^23 has no bits for fractions: it is rounded, and its low bits are the integer.
+    // The sum with 1.5 * 2^23 has no fraction bits: it is rounded, and its low bits are the integer.
     let rounder = 1.5 * (1 << 23) as f32;
 
     for (whole, disparity) in whole.iter_mut().zip(disparity) {
@@ -333,7 +334,7 @@ fn write_distances(codes: [&Codes; 2], place: (usize, usize), level: Level, bits
     }
 }
 
-/// As [`write_distances`], of codes in words of one width.
+/// [`write_distances`] for codes in words of one width.
 fn write_distances_of<C: Code>(
     a: &Plane<C>,
     b: &Plane<C>,
@@ -364,7 +365,7 @@ impl<C: Code> Loop for Distances<'_, C> {
     }
 }
 
-/// Sums over the columns of a window, which is moved down by a row.
+/// Moves sums over the columns of a window down by a row.
 #[leveled]
 fn slide_down(level: Level, enters: &[u8], leaves: Option<&[u8]>, sums: &mut [u16]) {
     let n = sums.len();
@@ -383,7 +384,7 @@ fn slide_down(level: Level, enters: &[u8], leaves: Option<&[u8]>, sums: &mut [u1
     }
 }
 
-/// Sums over windows: each of the [`SYNTHESIS_WINDOW`] sums of columns from its own on.
+/// Sums over windows: each adds the [`SYNTHESIS_WINDOW`] column sums from its own on.
 #[leveled]
 fn window_sums(level: Level, columns: &[u16], sums: &mut [u16]) {
     let mut buffer = [[0; SPAN]];
