@@ -1,25 +1,26 @@
-//! Estimation of what a pair lacks, from the two images alone: how their rows correspond, which disparities
-//! there are, and which image is the softer one.
+//! Estimation of the unknown properties of a pair, from its images alone: how their rows correspond, which
+//! disparities occur, and which image is softer.
 //!
-//! 1. Both images are reduced to some hundred columns and matched there over all disparities ([`overview`]):
-//!    that gives the range to search ([`range`]).
-//! 2. Some hundred blocks of the left image are found again in the right one, first in the reduced images,
-//!    then in the whole ones ([`tracks`]); a smooth field of vertical offsets is fitted to them, robustly
+//! 1. Both images are reduced to some hundred columns and matched there over all disparities ([`overview`]);
+//!    this gives the range to search ([`range`]).
+//! 2. Some hundred blocks of the left image are located in the right one, first in the reduced images, then
+//!    in the full ones ([`tracks`]); a smooth field of vertical offsets is fitted to them, robustly
 //!    ([`rows`]).
 //! 3. The relative blur is estimated ([`crate::estimation::blur`]) from blocks that show the same things:
-//!    those of the right image are taken from where the field says, not from the resampled image, since
-//!    resampling changes the spectrum.
-//! 4. Offsets that are significant beside their error align the rows of the right image.
+//!    those of the right image are taken from the places given by the field, not from the resampled image,
+//!    since resampling changes the spectrum.
+//! 4. If the offsets are significant compared with their error, the rows of the right image are aligned by
+//!    them.
 //! 5. Gray values are counted and fitted ([`crate::estimation::photometry`]).
 //!
-//! Where nothing matches, the reduced images are tried once more with the negative of one. If that matches,
-//! all of the above is repeated with the negative of the right image, which is then matched, too. Where an
-//! image is interlaced, its odd rows become the means of the even ones beside them, and all is repeated. A
-//! faint pattern that both images share is subtracted before anything else ([`shared_pattern`]), of pairs in
-//! memory.
+//! If nothing matches, the reduced images are tried once more with the negative of one. If that matches,
+//! everything above is repeated with the negative of the right image, which is then also matched. If an image
+//! is interlaced, its odd rows become the means of the even ones beside them, and everything is repeated. For
+//! pairs in memory, a faint pattern that both images share is subtracted before anything else
+//! ([`shared_pattern`]).
 //!
-//! Everything is computed in a fixed order, and a pair that is read a few rows at a time gives the same to
-//! the bit.
+//! Everything is computed in a fixed order, and a pair that is read a few rows at a time gives bit-identical
+//! results.
 
 pub mod areas;
 pub mod blur;
@@ -64,21 +65,21 @@ use phasestereo_match::pair::candidates::Candidates;
 use phasestereo_match::pair::source::Source;
 use phasestereo_match::settings::Settings;
 
-/// Where the range is unknown, one in this many columns is the number of disparities to search.
+/// If the range is unknown, the number of disparities to search is the number of columns divided by this.
 const DEFAULT_SHARE: usize = 3;
 
-/// A pair with all that a match needs.
+/// A pair with everything that a match needs.
 #[derive(Debug, Clone)]
 pub struct Prepared {
     /// The pair, with aligned rows and its blur compensation.
     pub pair: Pair,
-    /// The settings that suit it.
+    /// The settings adapted to it.
     pub settings: Settings,
-    /// What was estimated.
+    /// The estimates.
     pub estimates: Estimates,
 }
 
-/// What is estimated: what the settings ask for and is not known.
+/// What to estimate: properties that the settings ask for and that are unknown.
 struct Request<'a> {
     facts: &'a Facts,
     /// Whether to estimate how rows correspond.
@@ -87,9 +88,8 @@ struct Request<'a> {
     blur: bool,
 }
 
-/// Completes what is known of a pair: estimates what the settings ask for and is not known. Returns the pair
-/// that the estimates are of: inverted, of even rows alone, or without a pattern that both share, where that
-/// is what the images are.
+/// Estimates the unknown properties of a pair that the settings ask for. Returns the pair that the estimates
+/// describe: inverted, with even rows only, or without a shared pattern, if the images require it.
 pub fn complete(
     pair: Pair,
     facts: &Facts,
@@ -103,7 +103,7 @@ pub fn complete(
         return Ok((pair, before));
     }
 
-    // Fields are of the pair as it came: its even rows have none.
+    // Fields are those of the original pair: its even rows have none.
     let fields = before.photometry.map_or([0; 2], |found| found.fields);
     let changed = fields.map(|shift| shift != 0);
     let (pair, after) = completed(even_rows(&pair, changed), facts, settings, runtime)?;
@@ -112,8 +112,8 @@ pub fn complete(
     Ok((pair, Estimates { photometry, shared_pattern, even_rows: changed, time, ..after }))
 }
 
-/// The pair without a pattern that both images share, and the strength of that. Of later frames, of copies,
-/// and of resampled images more is known: the pair that they are of has been looked at.
+/// The pair without a pattern that both images share, and the strength of the pattern. It is not searched for
+/// in later frames, copies and resampled images: the pair they come from has already been examined.
 fn without_shared_pattern(pair: Pair, facts: &Facts, settings: &Settings) -> Result<(Pair, Option<f64>)> {
     let is_known = facts.candidates.as_ref().is_some_and(|known| known.origin != Origin::Given);
     if is_known || facts.is_of_these_pixels() || Request::new(facts, settings).is_empty() {
@@ -124,7 +124,7 @@ fn without_shared_pattern(pair: Pair, facts: &Facts, settings: &Settings) -> Res
     Ok(found.map_or((pair, None), |(clean, strength)| (clean, Some(strength))))
 }
 
-/// Completes what is known of a pair in which no image is interlaced.
+/// [`complete`] for a pair without interlaced images.
 fn completed(
     mut pair: Pair,
     facts: &Facts,
@@ -143,8 +143,8 @@ pub fn takes_negative(facts: &Facts, settings: &Settings, estimates: &Estimates)
     facts.is_inverted || settings.compensate_blur && estimates.is_inverted
 }
 
-/// The estimates of [`complete`], to the bit, for a pair that is read a part at a time. That its fields
-/// differ is reported alone.
+/// The estimates of [`complete`], bit for bit, for a pair that is read a part at a time. A difference between
+/// its fields is only reported.
 pub fn complete_source(
     source: &dyn Source,
     facts: &Facts,
@@ -173,22 +173,22 @@ pub fn complete_source(
     Ok(Estimates { time: started.elapsed(), ..found })
 }
 
-/// Whether the pair was taken line by line at two times, and that is to be compensated for.
+/// Whether the pair was taken line by line at two times, and this is to be compensated.
 fn is_interlaced(estimates: &Estimates, facts: &Facts, settings: &Settings) -> bool {
     let has_fields = estimates.photometry.is_some_and(|found| found.fields != [0; 2]);
     let may_resample = settings.align_rows && !facts.is_of_these_pixels();
     has_fields && may_resample && !estimates.is_inverted
 }
 
-/// The pair with odd rows that are the means of the even ones beside them, in the left or the right image or
-/// both.
+/// The pair with odd rows that are the means of the even ones beside them, in the left image, the right one
+/// or both.
 pub fn even_rows(pair: &Pair, changed: [bool; 2]) -> Pair {
     let [left, right] = pair.views();
     let of_rows = |view: &View, changes: bool| if changes { view.of_even_rows() } else { view.clone() };
     pair.with_views([of_rows(left, changed[0]), of_rows(right, changed[1])])
 }
 
-/// A pair that is made ready for its match by what is known and what was estimated of it.
+/// Prepares a pair for its match, by the known facts and the estimates.
 pub fn prepare(
     pair: Pair,
     estimates: Estimates,
@@ -196,7 +196,7 @@ pub fn prepare(
     settings: &Settings,
     runtime: Runtime,
 ) -> Result<Prepared> {
-    // What is known comes before what was estimated.
+    // Known facts take precedence over estimates.
     let compensation = match (&facts.compensation, &estimates.compensation) {
         (Some(known), _) => Some(known.clone()),
         (None, Some(plan)) => Some(plan.blur_compensation()?),
@@ -214,7 +214,7 @@ pub fn prepare(
     Ok(Prepared { pair, settings: suited.unwrap_or_else(|| settings.clone()), estimates })
 }
 
-/// A source whose pairs are changed once they are read.
+/// A source whose pairs are changed after they are read.
 struct Changed<'a, F> {
     source: &'a dyn Source,
     change: F,
@@ -263,7 +263,7 @@ impl<'a> Request<'a> {
 }
 
 impl Estimates {
-    /// What is requested of a pair.
+    /// The requested estimates of a pair.
     fn of_source(
         source: &dyn Source,
         request: &Request,
@@ -299,8 +299,8 @@ impl Estimates {
             (None, None) => Fact::estimated(Candidates::new(0, width.div_ceil(DEFAULT_SHARE) as i64, width)?),
         };
 
-        // Blur is compared where both images show the same, so it comes after the geometry. What most of the
-        // images show may not be among the known disparities.
+        // Blur is compared where both images show the same things, so it comes after the geometry. The known
+        // disparities may not include those of most of the images.
         let seen = geometry.and_then(CopyGeometry::seen).map(|range| range.candidates(width));
         let seen = seen.transpose()?.unwrap_or(candidates.value);
         let blur = || {
@@ -341,7 +341,8 @@ impl Estimates {
         })
     }
 
-    /// The estimates of the pair with the negative of the right image, but for the pixels as they are.
+    /// The estimates of the pair with the negative of the right image, but with the saturation of the
+    /// original pixels.
     fn with_negative(self, negative: Self) -> Self {
         let saturation = self.photometry.map(|own| own.saturation);
         let photometry = negative.photometry.zip(saturation);
@@ -350,13 +351,13 @@ impl Estimates {
         Self { is_inverted: true, photometry, ..negative }
     }
 
-    /// No estimates of a pair whose disparities are known.
+    /// Estimates of a pair for which only the disparities are known.
     #[cfg(test)]
     pub fn of_candidates(candidates: Candidates) -> Self {
         Self::of_facts(Fact::estimated(candidates), &Facts::default())
     }
 
-    /// What is known, where nothing is requested.
+    /// The known facts, when nothing is requested.
     fn of_facts(candidates: Fact<Candidates>, facts: &Facts) -> Self {
         Self {
             axis: facts.axis.clone(),
@@ -386,11 +387,11 @@ impl Estimates {
 struct CopyGeometry {
     /// The images, reduced ...
     copies: Overview,
-    /// ... and reduced more, if others of the usual size are finer.
+    /// ... and reduced further, if the others are finer than usual.
     usual: Option<Overview>,
-    /// The rough match of the known disparities, or else of all that are tried.
+    /// The rough match over the known disparities, or otherwise over all that are tried.
     rough: RoughMap,
-    /// That of all that are tried, where the known ones match badly.
+    /// The rough match over all, if the known ones match badly.
     wide: Option<RoughMap>,
     offsets: Option<RowOffsets>,
     rows_apart: f64,
@@ -398,8 +399,8 @@ struct CopyGeometry {
     found: Option<range::FoundRange>,
 }
 
-/// What else the reduced images show, as the fields of [`Estimates`] say; neither geometry nor blur depends
-/// on it.
+/// Other properties shown by the reduced images, as in the fields of [`Estimates`]; neither geometry nor blur
+/// depends on them.
 #[derive(Default)]
 struct Remarks {
     left_out: Vec<LeftOut>,
@@ -440,7 +441,7 @@ impl CopyGeometry {
             }
         }
 
-        // Where known disparities match badly, a finding names those that would match better.
+        // If known disparities match badly, a finding names those that would match better.
         let is_poor = facts.candidates.is_some() && rough.confidence < overview::GOOD_CONFIDENCE;
         let wide = is_poor.then(|| overview.rough(None, alignment.as_ref(), runtime)).transpose()?;
 
@@ -464,15 +465,13 @@ impl CopyGeometry {
         self.found.as_ref().map(|found| found.range)
     }
 
-    /// The range of the match of all disparities that are tried, where the known ones match badly, and these
-    /// well.
+    /// The range from the match over all disparities, if the known ones match badly, and these well.
     fn seen(&self) -> Option<SearchRange> {
         let is_good = |wide: &RoughMap| wide.confidence >= overview::GOOD_CONFIDENCE;
         self.wide.as_ref().filter(|wide| is_good(wide)).and(self.range())
     }
 
-    /// The rough match that is better: of all disparities where [`Self::seen`] has a range, else of the known
-    /// ones.
+    /// The better rough match: over all disparities if [`Self::seen`] has a range, else over the known ones.
     fn matched(&self) -> &RoughMap {
         self.wide.as_ref().filter(|_| self.seen().is_some()).unwrap_or(&self.rough)
     }
@@ -503,7 +502,7 @@ impl CopyGeometry {
         let is_inverted = if self.found.is_none() && last.confidence < range::LEAST_CONFIDENCE {
             negative(None)? >= overview::GOOD_CONFIDENCE
         } else if facts.candidates.is_some() && overview.is_opposite(rough) {
-            // Of few candidates some always match: then gray levels decide.
+            // Among few candidates some always match: then gray levels decide.
             negative(facts.searched())? >= rough.confidence.max(overview::GOOD_CONFIDENCE)
         } else {
             false

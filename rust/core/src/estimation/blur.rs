@@ -1,22 +1,22 @@
-//! The relative blur of a pair from the images alone: which image is the softer one, where, and by what.
+//! The relative blur of a pair, from the images alone: which image is softer, where, and by how much.
 //!
-//! 1. The pair is matched at a quarter of its size (`rough`), where little is left of the blur: that finds
-//!    the blocks of the two images that show the same.
-//! 2. The power spectra of each such pair of blocks are taken (`spectrum`) and averaged in bins (`bins`).
-//!    Their quotient is made of gain, noise, and the response of the relative blur, whatever the blocks show.
+//! 1. The pair is matched at a quarter of its size (`rough`), where little is left of the blur: this finds
+//!    blocks of the two images that show the same things.
+//! 2. The power spectra of each such pair of blocks are computed (`spectrum`) and averaged in bins (`bins`).
+//!    Their quotient consists of gain, noise, and the response of the relative blur, whatever the blocks
+//!    show.
 //! 3. Each of a bank of blurs (`bank`) is fitted to all blocks together, then to every pair of blocks
-//!    (`fit`); the fewest that explain the tiles of the image are kept (`regions`). Where none explains all
-//!    of them together, only the pairs are fitted to the whole bank that one of a few blurs explains better
-//!    than none, and no pair unless that is worth something to a sample. Where no blur of one image explains
-//!    all blocks together, one of each image may do (`two_sided`).
-//! 4. Size and direction of each kind are refined (`refine`) on the powers of all its blocks together; where
-//!    no family explains these well, the kernel is measured (`measured`).
+//!    (`fit`); the fewest that explain the tiles of the image are kept (`regions`). If none explains all
+//!    blocks together, the whole bank is fitted only to pairs that one of a few blurs explains better than
+//!    none, and to no pair unless that helps a sample. If no blur of one image explains all blocks together,
+//!    one of each image may (`two_sided`).
+//! 4. Size and direction of each kind are refined (`refine`) on the powers of all its blocks together; if no
+//!    family explains these well, the kernel is measured (`measured`).
 //! 5. If there are several kinds, their map is drawn again on finer tiles.
 //!
-//! Where disks whose radii follow the disparities explain the blocks (`depth`), these take the place of 4 and
-//! 5.
+//! If disks whose radii follow the disparities explain the blocks (`depth`), these replace 4 and 5.
 //!
-//! All sums are taken in a fixed order, so the result depends neither on threads nor on instructions.
+//! All sums have a fixed order, so the result does not depend on threads or instructions.
 
 mod bank;
 pub(crate) mod bins;
@@ -72,46 +72,47 @@ use phasestereo_match::base::statistics::ranked;
 use phasestereo_match::matcher::runtime::Runtime;
 use phasestereo_match::pair::Pair;
 
-/// The rough match by which a kernel is measured: half the size shows the kernel nearly as well as the
-/// true disparities would, a quarter does not.
+/// The rough match for measuring a kernel: at half the size it shows the kernel nearly as well as the true
+/// disparities would, at a quarter it does not.
 const ROUGH: RoughScale = RoughScale { factor: 2, ..RoughScale::ROUGH };
-/// Number of blocks that suffices to see whether there is blur. About as many are taken, or fewer; more only
-/// of images in which they would be further apart than [`SPACING`].
+/// Number of blocks sufficient to detect blur. About this many are used, or fewer; more only in images where
+/// they would be further apart than [`SPACING`].
 const ENOUGH_BLOCKS: usize = 110;
-/// Number of blocks that suffices for the largest images, too.
+/// Number of blocks sufficient even for the largest images.
 const MOST_BLOCKS: usize = 400;
-/// Least and largest distance of blocks at first, pixels; the largest grows where there were too many blocks.
+/// Smallest and largest initial distance of blocks, pixels; the largest grows if there would be too many
+/// blocks.
 const SPACING: (usize, usize) = (32, 64);
-/// Side of the tiles of a map, pixels; larger where there were too many tiles.
+/// Side of the tiles of a map, pixels; larger if there would be too many tiles.
 const TILE: usize = 16;
 /// Most tiles of a map.
 const MOST_TILES: usize = 6000;
-/// Blurs of less spread than this, pixels, are ignored: real pairs differ by as much.
+/// Blurs with less spread than this, pixels, are ignored: real pairs differ by this much.
 const LEAST_SPREAD: f64 = 0.6;
 /// Families that leave a larger loss than this, nepers, may be wrong: then the kernel is measured.
 const DOUBTFUL: f32 = 0.3;
 /// Blurs of both images are accepted if their loss is at most this share of that of the best blur of one
-/// image, where this one is doubtful. True blurs of both, motions and disks, have less; arcs of one image,
+/// image, if the latter is doubtful. True blurs of both, motions and disks, have less; arcs of one image,
 /// which no family explains, have more.
 const CLEARLY_BETTER: f32 = 0.7;
 /// A kernel is measured, and blurs of both images are searched, on at least this many blocks;
 const LEAST_BLOCKS: usize = 12;
-/// ... a kernel on at least one in this many of all: it takes another match, which is not worth it for a
-/// little of a large image,
+/// ... a kernel on at least one in this many of all blocks: it takes another match, which is not worthwhile
+/// for a small part of a large image,
 const LEAST_PART: usize = 20;
-/// ... and unless the measured kernel has a loss larger than the family's by this factor.
+/// ... and is discarded if its loss exceeds the family's by this factor.
 const MUCH_WORSE: f32 = 1.5;
 /// One block in this many is fitted to all blurs, whatever explains the others,
 const SAMPLE: usize = 4;
 /// ... unless there would be fewer than this.
 const LEAST_SAMPLE: usize = 12;
-/// The quietest one in this many blocks gives the noise.
+/// The quietest one in this many blocks determines the noise.
 const QUIET: usize = 10;
 /// The ratio of the noise to that of the quietest tenth of the blocks, in the quietest of eight directions:
 /// measured for noise of a known level on the suite's scenes.
 const QUIET_BIAS: f32 = 1.28;
 
-/// Share of the texture of 4 pixels' period that a slight blur leaves.
+/// Share of texture with a period of 4 pixels that a slight blur leaves.
 const SLIGHT: f64 = 0.3;
 
 /// A kind of relative blur.
@@ -121,10 +122,10 @@ pub struct Blur {
     pub side: Option<Side>,
     /// The point-spread function, if a family explains the blur.
     pub psf: Option<Psf>,
-    /// The kernel that the sharper image has to be convolved with; `None`: no blur.
+    /// The kernel to convolve the sharper image with; `None`: no blur.
     pub taps: Option<Taps>,
-    /// The blur of the sharper image, if it lacks something as well: the softer one has to be convolved with
-    /// it.
+    /// The blur of the sharper image, if it also has one that the softer image does not: the softer one has
+    /// to be convolved with it.
     pub other: Option<Psf>,
 }
 
@@ -132,19 +133,19 @@ impl Blur {
     /// No blur.
     pub(crate) const NONE: Self = Self { side: None, psf: None, taps: None, other: None };
 
-    /// That of one image by a function.
+    /// A blur of one image by a function.
     pub(crate) fn of(side: Side, psf: Psf) -> Self {
         Self { side: Some(side), psf: Some(psf), taps: Some(psf.taps()), other: None }
     }
 
-    /// Whether there is no blur, or so slight a one that to give it to the sharper image, too, would cost
-    /// more detail than the difference does: codes are of phase, which a symmetric blur leaves alone.
+    /// Whether there is no blur, or one so slight that applying it to the sharper image, too, would cost more
+    /// detail than the difference does: codes are phases, which a symmetric blur does not change.
     pub fn is_slight(&self) -> bool {
         let leaves_most = |taps: &Taps| taps.least_response() >= SLIGHT;
         self.other.is_none() && self.taps.as_ref().is_none_or(leaves_most)
     }
 
-    /// Which image is the softer one as a number: 0 neither, 1 the left one, 2 the right one.
+    /// The softer image as a number: 0 neither, 1 left, 2 right.
     pub(crate) fn softer(&self) -> u8 {
         self.side.map_or(0, |side| side as u8 + 1)
     }
@@ -168,8 +169,9 @@ pub struct Estimate {
     pub labels: Plane<u8>,
     /// Side of a tile, pixels.
     pub tile: usize,
-    /// Certainty from 0 to 1: the share of the loss of the opposite assumption that the first kind avoids; of
-    /// blur that follows depth, the share that this explains of what tiles with blurs of their own would.
+    /// Certainty from 0 to 1: the share of the loss of the opposite assumption that the first kind avoids;
+    /// for blur that follows depth, its share of the explanation that a separate blur for each tile would
+    /// give.
     pub certainty: f32,
     /// Contrast of the left image relative to the right one's.
     pub gain: f64,
@@ -178,14 +180,14 @@ pub struct Estimate {
     /// The least height of impulses of the left and of the right image, in units of the pixels; 0: there are
     /// none.
     pub impulses: [f64; 2],
-    /// Standard deviations of a noise that would do as much harm as the loss of compression, left and right,
-    /// in units of the pixels.
+    /// Standard deviations of a noise that would do the same harm as the loss from compression, left and
+    /// right, in units of the pixels.
     pub coding: [f64; 2],
-    /// Statistics by which a later pair of the same cameras is compared.
+    /// Statistics with which a later pair of the same cameras is compared.
     pub signature: BlurSignature,
 }
 
-/// A grid of tiles, and the blocks about their centers.
+/// A grid of tiles, and the blocks around their centers.
 struct Grid {
     tiling: Tiling,
     places: Vec<Option<BlockPlace>>,
@@ -196,13 +198,13 @@ struct Grid {
 struct AllBlocks {
     /// Their mean powers.
     powers: Powers,
-    /// The evidence of these.
+    /// The evidence of these powers.
     blocks: BlockPair,
     /// The loss of every choice.
     losses: Vec<f32>,
 }
 
-/// The pair, and what the steps of its estimation have in common.
+/// The pair, and the data that all steps of its estimation share.
 struct BlurEstimation<'a> {
     rows: &'a PairRows<'a>,
     /// Rough disparities of the whole pair; `None`: they are found part by part.
@@ -229,7 +231,7 @@ pub fn prepare() {
 }
 
 /// Estimates the relative blur of a pair on the current threads. `sample` is any part of the pair; `whole`
-/// are rough disparities of all of it, if there are any yet.
+/// are rough disparities of all of it, if available.
 pub(crate) fn estimate(
     rows: &PairRows,
     sample: &Pair,
@@ -245,9 +247,8 @@ pub(crate) fn estimate(
     BlurEstimation::new(rows, sample, known, whole, runtime)?.estimate()
 }
 
-/// Whether the blur of a pair, whose impulses are repaired as in an earlier one, is still that of the earlier
-/// one. Sizes that change by less than about a fifth, and blur that appears in less than a sixteenth of the
-/// image, are missed.
+/// Whether the blur of a pair, with impulses repaired as in an earlier one, is still that of the earlier one.
+/// Size changes below about a fifth, and blur that appears in less than a sixteenth of the image, are missed.
 pub fn is_as_before(pair: &Pair, before: &BlurSignature, runtime: Runtime) -> Result<bool> {
     let size = pair.size();
     if !before.fits(size) {
@@ -277,7 +278,7 @@ impl<'a> BlurEstimation<'a> {
         let [left, right] = sample.views();
         let units = [left, right].map(grays_per_unit);
 
-        // Those at hand save a match.
+        // Existing disparities save a match.
         let rough = match (whole.filter(|whole| whole.factor() == ROUGHEST.factor), rows.whole()) {
             (Some(whole), _) => Some(whole),
             (None, Some(part)) => Some(part.rough(&known, ROUGHEST, runtime)?),
@@ -288,7 +289,7 @@ impl<'a> BlurEstimation<'a> {
     }
 
     /// Visits the blocks with these top rows, from the first one down, with their rough disparities and the
-    /// row of the image that these begin with.
+    /// row of the image where these begin.
     fn visit(
         &self,
         tops: &[usize],
@@ -304,7 +305,7 @@ impl<'a> BlurEstimation<'a> {
         })
     }
 
-    /// The estimate, step by step as the module says.
+    /// The estimate, step by step as in the module documentation.
     fn estimate(&self) -> Result<Estimate> {
         // Steps 1 and 2.
         let grid = self.grid(self.spacing(), |_| true)?;
@@ -325,7 +326,7 @@ impl<'a> BlurEstimation<'a> {
         if choices.iter().any(|choice| choice.side.is_some())
             && let Some((kinds, map, certainty)) = self.by_depth(&grid, &blocks, &losses, noise)?
         {
-            // Blocks at jumps mix radii, which looks like gain, the other way round where the other image is
+            // Blocks at jumps mix radii, which looks like gain, and the other way round if the other image is
             // softer.
             let gain = map.mean_gain(&kinds) * self.units[1] / self.units[0];
             return Ok(Estimate { certainty, gain, ..self.finished(kinds, map, grid, noise) });
@@ -367,19 +368,20 @@ impl<'a> BlurEstimation<'a> {
         self.runtime.level()
     }
 
-    /// The distance of the first blocks: so that there are enough of them, but not too many.
+    /// The distance of the first blocks, which gives enough of them, but not too many.
     fn spacing(&self) -> usize {
         let (rows, cols) = self.size;
         let even = |blocks: usize| {
             let spacing = ((rows * cols / blocks) as f64).sqrt();
-            // To the nearest multiple of 16 pixels there were up to 180 blocks, to the next one as few as 70.
+            // With the nearest multiple of 16 pixels there were up to 180 blocks, with the next one as few as
+            // 70.
             (spacing / 8.0).ceil() as usize * 8
         };
 
         even(ENOUGH_BLOCKS).clamp(SPACING.0, SPACING.1.max(even(MOST_BLOCKS)))
     }
 
-    /// Tiles of `step` pixels, and the blocks about the centers of those that are wanted, by row and column.
+    /// Tiles of `step` pixels, and the blocks around the centers of those that are wanted, by row and column.
     fn grid(&self, step: usize, is_wanted: impl Fn((usize, usize)) -> bool) -> Result<Grid> {
         let tiling = Tiling::new(self.size, step);
         let mut places = vec![];
@@ -417,7 +419,7 @@ impl<'a> BlurEstimation<'a> {
         Some(FittedBlur::of_both_images(found, all.powers.clone()))
     }
 
-    /// The blur of these tiles together: of a family, or measured, or none.
+    /// The joint blur of these tiles: from a family, or measured, or none.
     fn fitted_blur(
         &self,
         grid: &Grid,
@@ -432,7 +434,7 @@ impl<'a> BlurEstimation<'a> {
         };
 
         let evidence = &BlurEvidence::of_both(&powers, noise, self.level())[side.index()];
-        // A blur of hardly any spread counts as no blur, unless no family explains the powers.
+        // A blur with hardly any spread counts as no blur, unless no family explains the powers.
         let refined = refine(evidence, self.level());
         if refined.entry.psf.spread() < LEAST_SPREAD && refined.fit.loss <= DOUBTFUL {
             return Ok(none);
@@ -441,7 +443,7 @@ impl<'a> BlurEstimation<'a> {
         let blur = Blur::of(side, refined.entry.psf);
         let family = FittedBlur { blur, response: refined.entry.response, fit: refined.fit, powers };
 
-        // A measurement takes another match: only where the family is doubtful and there are enough blocks.
+        // A measurement takes another match: only if the family is doubtful and there are enough blocks.
         let least = LEAST_BLOCKS.max(grid.powers.len() / LEAST_PART);
         if family.fit.loss <= DOUBTFUL || tiles.len() < least {
             return Ok(family);
@@ -450,7 +452,7 @@ impl<'a> BlurEstimation<'a> {
         self.measured(grid, tiles, evidence, family)
     }
 
-    /// The kernel as it is measured, unless it explains the powers much worse than the family does.
+    /// The measured kernel, unless it explains the powers much worse than the family.
     fn measured(
         &self,
         grid: &Grid,
@@ -462,7 +464,7 @@ impl<'a> BlurEstimation<'a> {
             return Ok(family);
         };
 
-        // Rows are visited from the top down, whatever order the tiles were chosen in.
+        // Rows are visited from the top down, in whatever order the tiles were chosen.
         let mut tiles = tiles.to_vec();
         tiles.sort_unstable();
         let places: Vec<BlockPlace> = tiles.iter().filter_map(|tile| grid.places[*tile]).collect();
@@ -489,7 +491,7 @@ impl<'a> BlurEstimation<'a> {
         Ok(FittedBlur { blur, response, fit, powers: family.powers })
     }
 
-    /// Disks that follow depth, their map, and how certain they are, if that is what the blocks show.
+    /// Disks that follow depth, their map, and their certainty, if the blocks show this.
     fn by_depth(
         &self,
         grid: &Grid,
@@ -499,7 +501,7 @@ impl<'a> BlurEstimation<'a> {
     ) -> Result<Option<(Vec<FittedBlur>, RegionMap, f32)>> {
         let map = self.depths()?;
 
-        // What is known at the centers of the tiles with blocks, in the order of these.
+        // The values at the centers of the tiles with blocks, in the same order.
         let tiles = grid.with_block();
         let at_centers = |known: fn(&Depths, (usize, usize)) -> f32| -> Vec<f32> {
             let centers = tiles.iter().map(|tile| grid.tiling.center(grid.tiling.place(*tile)));
@@ -531,7 +533,7 @@ impl<'a> BlurEstimation<'a> {
         Ok(Some((fitted.collect(), RegionMap { labels, tile: map.tile }, found.certainty)))
     }
 
-    /// The disparities of tiles; those without any have that of the tile before.
+    /// The disparities of tiles; those without one take that of the previous tile.
     fn depths(&self) -> Result<Depths> {
         let tiling = Tiling::new(self.size, self.tile());
         let mut values = vec![];
@@ -547,14 +549,14 @@ impl<'a> BlurEstimation<'a> {
         Ok(Depths { values: Plane::from_vec(tiling.rows, tiling.cols, values)?, tile: tiling.side })
     }
 
-    /// The side of the tiles of a map: the least one, unless there were too many of them.
+    /// The side of the tiles of a map: the smallest one, unless there would be too many tiles.
     fn tile(&self) -> usize {
         let (rows, cols) = self.size;
         let even = ((rows * cols / MOST_TILES) as f64).sqrt() as usize;
         even.next_multiple_of(TILE).max(TILE)
     }
 
-    /// The map of the kinds. Its tiles are finer than those of the first blocks, of which only those on a
+    /// The map of the kinds. Its tiles are finer than those of the first blocks; of these, only those on a
     /// boundary are examined again.
     fn map(
         &self,
@@ -610,7 +612,7 @@ impl<'a> BlurEstimation<'a> {
 }
 
 impl AllBlocks {
-    /// `None` where there are few blocks.
+    /// `None` if there are few blocks.
     fn new(grid: &Grid, noise: [f32; 2], level: Level) -> Option<Self> {
         let tiles = grid.with_block();
         if tiles.len() < LEAST_BLOCKS {
@@ -679,7 +681,7 @@ impl Grid {
 
     /// The mean powers of these tiles.
     fn together(&self, tiles: &[usize]) -> Powers {
-        // Powers are stored for the tiles with a block only.
+        // Powers are stored only for the tiles with a block.
         let mut index = 0;
         let mut indices = vec![0; self.places.len()];
         for (tile, place) in self.places.iter().enumerate() {
@@ -734,14 +736,15 @@ impl FittedBlur {
         Self { blur, response: own.response, fit: found.fits[side.index()], powers }
     }
 
-    /// The contrast of the left image relative to the right one's, both in gray values.
+    /// The contrast of the left image relative to the right one, both in gray values.
     fn gain(&self) -> f64 {
         // A fit's gain is that of the softer image relative to the sharper one.
         let gain = f64::from(self.fit.gain()).sqrt();
         if self.blur.side == Some(Side::Right) { 1.0 / gain } else { gain }
     }
 
-    /// The share of the loss of the opposite assumption that this one avoids: of no blur, or of any blur.
+    /// The share of the loss of the opposite assumption that this one avoids: that of no blur, or of any
+    /// blur.
     fn certainty(&self, noise: [f32; 2], level: Level) -> f32 {
         let blocks = BlockPair::new(&self.powers, noise, level);
         let opposite = match self.blur.side {
@@ -810,8 +813,8 @@ impl RegionMap {
         math::exp(sum / labels.len() as f64)
     }
 
-    /// The map with its kinds numbered by falling area, without those of no tile, and the old numbers of
-    /// these.
+    /// The map with its kinds numbered by decreasing area, without those that have no tile, and the old
+    /// numbers of these.
     fn by_area(mut self, kinds: usize) -> (Self, Vec<usize>) {
         let mut areas = vec![0; kinds];
 
@@ -833,7 +836,7 @@ impl Estimate {
         Self { impulses, coding, ..self }
     }
 
-    /// The share of the tiles that each kind of blur has.
+    /// The share of the tiles of each kind of blur.
     pub fn shares(&self) -> impl Iterator<Item = f64> {
         let labels = self.labels.as_slice();
         (0..self.blurs.len()).map(|kind| {
@@ -842,7 +845,7 @@ impl Estimate {
         })
     }
 
-    /// The estimate where there is no evidence.
+    /// The estimate without evidence.
     pub fn unknown((rows, cols): (usize, usize)) -> Self {
         Self {
             blurs: vec![Blur::NONE],

@@ -1,5 +1,5 @@
-//! The plan that compensates for estimated noise and blur: area by area, the sharper image is given the blur
-//! of the other.
+//! The plan that compensates estimated noise and blur: area by area, the sharper image receives the blur of
+//! the other.
 
 use crate::estimation::blur::taps::Taps;
 use crate::estimation::blur::{Blur, Estimate, Side};
@@ -9,40 +9,41 @@ use phasestereo_match::image::convolution::Kernel;
 use phasestereo_match::pair::blur_compensation::BlurCompensation;
 use phasestereo_match::settings::{LARGEST_PIXEL, LARGEST_WINDOW, Settings};
 
-/// Pixels by which neighborhoods and windows grow where there is more than a narrow blur: larger ones
-/// describe what is left of the texture.
+/// Pixels by which neighborhoods and windows grow if there is more than a narrow blur: larger ones describe
+/// the remaining texture.
 pub const LARGER: usize = 2;
 /// Pixels by which neighborhoods grow where all blur is wide
 /// ([`Psf::is_wide`](super::blur::psf::Psf::is_wide)).
 ///
-/// They pay off where nothing finer is left in any direction.
+/// They pay off if nothing finer is left in any direction.
 pub const MUCH_LARGER: usize = 4;
 
-/// Noise of so large a share of the range, or as much harm by compression, is stood by larger neighborhoods
-/// alone. Then even a slight blur is worth compensating: fine texture, which that costs, is lost in noise.
+/// At this share of the range or more, only larger neighborhoods withstand noise, or equivalent harm from
+/// compression. Then even a slight blur is worth compensating: the fine texture that this costs is lost in
+/// noise.
 const NOISY: f64 = 0.008;
-/// Standard deviation, pixels, in its narrowest direction, of a narrow blur. Without noise it leaves fine
-/// texture in that direction, or in all, of which larger neighborhoods make less: of motions of any length,
-/// and disks of radius 3.
+/// Standard deviation, pixels, of a narrow blur in its narrowest direction. Without noise it leaves fine
+/// texture in that direction, or in all, and larger neighborhoods make less of it. This holds for motions of
+/// any length, and disks of radius 3.
 const NARROW: f64 = 1.6;
 
 /// Standard deviations of the noise that are smoothed away. Fewer leave more of noise and compression, and
 /// harm sharp pairs hardly less.
 const DEVIATIONS: f64 = 2.0;
 
-/// The kernels that the left and the right image are convolved with; `None`: the image stays as it is.
+/// The kernels that the left and the right image are convolved with; `None`: the image stays unchanged.
 pub type KernelPair = [Option<Plane<f32>>; 2];
 
-/// The settings and kernels that suit the noise and the blur of a pair.
+/// The settings and kernels adapted to the noise and the blur of a pair.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CompensationPlan {
-    /// The settings, with larger neighborhoods and windows where there is blur.
+    /// The settings, with larger neighborhoods and windows if there is blur.
     pub settings: Settings,
     /// Standard deviations of the noise under which a component is weak, left and right.
     pub noise: [f64; 2],
-    /// The height from which on impulses stand out, left and right; 0: there are none.
+    /// The least height of impulses, left and right; 0: there are none.
     pub impulses: [f64; 2],
-    /// Standard deviations with which the left and the right image are smoothed; 0: not at all.
+    /// Standard deviations for smoothing the left and the right image; 0: not smoothed.
     pub smoothing: [f64; 2],
     /// The kernels of each class of pixels.
     pub kernels: Vec<KernelPair>,
@@ -53,7 +54,7 @@ pub struct CompensationPlan {
 }
 
 impl CompensationPlan {
-    /// The plan for an estimate; `noise` is the known noise, if any, and `range` white less black, in units
+    /// The plan for an estimate; `noise` is the known noise, if any, and `range` white minus black, in units
     /// of the pixels.
     pub fn new(
         estimate: &Estimate,
@@ -75,7 +76,7 @@ impl CompensationPlan {
             return Ok(plain);
         }
 
-        // The larger one of two sizes of neighborhoods has to stay within the limit, too.
+        // The larger of two neighborhood sizes has to stay within the limit, too.
         let largest = LARGEST_WINDOW - (settings.largest_neighborhood() - settings.neighborhood);
         let growth = match () {
             () if is_slight || (!is_noisy && blurs.clone().all(is_narrow)) => 0,
@@ -97,7 +98,7 @@ impl CompensationPlan {
         })
     }
 
-    /// A plan that leaves the images as they are, with noise of these standard deviations.
+    /// A plan that leaves the images unchanged, with noise of these standard deviations.
     pub fn of_noise(noise: [f64; 2], settings: &Settings) -> Result<Self> {
         Ok(Self {
             settings: settings.clone(),
@@ -134,7 +135,7 @@ fn is_wide(blur: &Blur) -> bool {
     blur.other.is_none() && blur.psf.is_some_and(|psf| psf.is_wide())
 }
 
-/// The kernels of a class: each image is convolved with the blur that it lacks.
+/// The kernels of a class: each image is convolved with the blur that it is missing.
 fn kernels(blur: &Blur) -> Result<KernelPair> {
     let (Some(side), Some(taps)) = (blur.side, &blur.taps) else {
         return Ok([None, None]);
@@ -153,11 +154,11 @@ fn kernels(blur: &Blur) -> Result<KernelPair> {
     })
 }
 
-/// The standard deviations by which both images are smoothed: each by its own noise, and by what compression
-/// has lost.
+/// The standard deviations for smoothing both images: each by its own noise, and by the loss from
+/// compression.
 ///
-/// Where one image is softer, fine texture of the sharper one looks like noise: then the level at which
-/// components are weak counts. `known` is the known noise.
+/// If one image is softer, fine texture of the sharper one looks like noise: then the level at which
+/// components are weak is used. `known` is the known noise.
 fn smoothing(estimate: &Estimate, known: Option<[f64; 2]>) -> [f64; 2] {
     let is_blurred = estimate.blurs.iter().any(|blur| blur.side.is_some());
     let own = if is_blurred { weak_level(estimate) } else { estimate.noise };
@@ -167,10 +168,10 @@ fn smoothing(estimate: &Estimate, known: Option<[f64; 2]>) -> [f64; 2] {
     [0, 1].map(|side| (DEVIATIONS * noise[side].max(estimate.coding[side])).min(LARGEST_PIXEL))
 }
 
-/// The noise under which a component is weak: the same level for both images, scaled by the contrast of each.
+/// The noise below which a component is weak: the same level for both images, scaled by the contrast of each.
 ///
-/// The noise of the softer image is what is left in both once the sharper one is blurred. The noise of the
-/// sharper one would include fine texture, which looks like noise.
+/// The noise of the softer image is the noise that remains in both once the sharper one is blurred. The noise
+/// of the sharper one would include fine texture, which looks like noise.
 fn weak_level(estimate: &Estimate) -> [f64; 2] {
     let [left, right] = estimate.noise;
     let level = match estimate.blurs[0].side {
@@ -187,8 +188,8 @@ mod tests {
     use super::*;
     use crate::estimation::blur::psf::Psf;
 
-    /// The plan for areas of blurs with these functions, beside areas without blur, and noise of this
-    /// standard deviation in gray levels.
+    /// The plan for areas blurred by these functions, beside areas without blur, and noise of this standard
+    /// deviation in gray levels.
     fn plan(psfs: &[Psf], noise: f64) -> CompensationPlan {
         let blurs = psfs.iter().map(|psf| Blur::of(Side::Left, *psf)).chain([Blur::NONE]);
         let estimate = Estimate { blurs: blurs.collect(), noise: [noise; 2], ..Estimate::unknown((16, 16)) };

@@ -1,4 +1,4 @@
-//! What was estimated from a pair.
+//! The estimates from a pair.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -16,58 +16,58 @@ use phasestereo_match::pair::alignment::Alignment;
 use phasestereo_match::pair::candidates::Candidates;
 use phasestereo_match::pair::overlay::Overlay;
 
-/// What was estimated from a pair, and the settings and kernels that suit it.
+/// The estimates from a pair, and the settings and kernels adapted to them.
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub struct Estimates {
-    /// Along what things move by their distance, if that was given or found; `None`: along rows, as far as is
-    /// known. All else that is estimated is of the turned images, where it is along columns.
+    /// The axis of the disparities, if given or found; `None`: along rows, as far as is known. If it is along
+    /// columns, all other estimates describe the turned images.
     pub axis: Option<Fact<Direction>>,
     /// The disparities to search.
     pub candidates: Fact<Candidates>,
     /// Mean confidence of the rough match of the reduced images, if there was one: over the known
     /// disparities, unless these match badly and others well.
     pub confidence: Option<f64>,
-    /// Whether the images match once one of them is inverted, and not before. With `compensate_blur`, all
-    /// else was then estimated with the negative of the right image.
+    /// Whether the images match only after one of them is inverted. With `compensate_blur`, everything else
+    /// was then estimated with the negative of the right image.
     pub is_inverted: bool,
     /// Whether the odd rows of the left and of the right image became means of the even ones.
     pub even_rows: [bool; 2],
-    /// What the rough match of the reduced images saw, if there was one.
+    /// The disparities seen by the rough match of the reduced images, if there was one.
     pub(crate) seen: Option<Arc<Seen>>,
     /// Shares of the left and of the right image that are black borders, which are masked.
     pub borders: [f64; 2],
     /// Overlays of both images, such as clocks, which are masked.
     pub overlays: Vec<Overlay>,
-    /// The range of disparities, if it was to be estimated, or the known one matches badly.
+    /// The range of disparities, if it was to be estimated, or if the known one matches badly.
     pub range: Option<SearchRange>,
-    /// Places that seem to have disparities that are not searched.
+    /// Places whose disparities seem to be outside the searched range.
     pub left_out: Vec<LeftOut>,
     /// The vertical offsets, if they were to be estimated and enough blocks were found in both images.
     pub offsets: Option<RowOffsets>,
-    /// How far apart rows stay by the best field of offsets, known well enough or not, pixels: infinite
-    /// without one.
+    /// The row differences that the best field of offsets leaves, reliable or not, pixels: infinite without
+    /// one.
     pub rows_apart: f64,
     /// The strength of a faint pattern that both images had at the same place, in units of the pixels;
-    /// `None`: there was none. All else is estimated without it.
+    /// `None`: there was none. Everything else is estimated without it.
     pub shared_pattern: Option<f64>,
     /// The field by which the right image is straightened.
     pub alignment: Option<Alignment>,
     /// Noise and blur, if they were to be estimated.
     pub blur: Option<blur::Estimate>,
-    /// What the gray values say, if anything was to be estimated.
+    /// The estimates from gray values, if any were requested.
     pub photometry: Option<Photometry>,
-    /// The settings and kernels that suit the blur and the noise, of which one or both are estimated or
+    /// The settings and kernels adapted to the blur and the noise, of which one or both are estimated or
     /// known.
     pub compensation: Option<CompensationPlan>,
-    /// What there is to say about the pair, in a fixed order of topics.
+    /// Findings about the pair, in a fixed order of topics.
     pub findings: Vec<Finding>,
     /// Wall-clock time.
     pub time: Duration,
 }
 
 impl Estimates {
-    /// The disparities to search, half-open: those that were given, or else those that were found.
+    /// The disparities to search, half-open: the given ones, or otherwise those that were found.
     pub fn disparities(&self) -> Range<i64> {
         let (min, count) = self.candidates.value.numbers();
         min..min + count

@@ -1,69 +1,69 @@
-//! What is known of a pair before it is matched, and where that comes from.
+//! Facts about a pair that are known before its match, and their origins.
 //!
-//! A caller states some facts, an earlier frame of the same cameras shows others, a copy of half the size has
-//! those of the pair. [`super::complete`] estimates what is missing. It never changes a fact that it gets,
-//! nor the settings.
+//! A caller states some facts, an earlier frame of the same cameras shows others, and a copy of half the size
+//! has those of the pair. [`super::complete`] estimates missing ones. It never changes a given fact or the
+//! settings.
 //!
-//! Explanations of what the images show compete by their evidence: the logarithm of the probability of the
-//! observations under one explanation, less that under another, in nats. An explanation with more parameters
-//! pays for each with half the logarithm of the number of observations (Schwarz: *Estimating the dimension of
-//! a model*, Annals of Statistics 6, 1978).
+//! Explanations of the images compete by their evidence: the logarithm of the probability of the observations
+//! under one explanation, minus that under another, in nats. An explanation with more parameters pays, for
+//! each, half the logarithm of the number of observations (Schwarz: *Estimating the dimension of a model*,
+//! Annals of Statistics 6, 1978).
 
 use phasestereo_match::base::math;
 use phasestereo_match::pair::alignment::Alignment;
 use phasestereo_match::pair::blur_compensation::BlurCompensation;
 use phasestereo_match::pair::candidates::Candidates;
 
-/// Evidence over "nothing is wrong" from which on a fault is compensated for, nats. Of 60 pairs of 12 scenes
-/// whose rows do not sway (sharp, noisy, compressed, turned, with keystone) none has more than 2.6 for a
-/// spline of the row; where rows sway by 1 px, all have 27 and more.
+/// Least evidence against "nothing is wrong" for which a fault is compensated, nats. Of 60 pairs of 12 scenes
+/// without swaying rows (sharp, noisy, compressed, turned, with keystone), none has more than 2.6 for a
+/// spline of the row; where rows sway by 1 px, all have at least 27.
 pub const SUFFICIENT: f64 = 10.0;
-/// Blocks of rows overlap and share their errors: of 60 to 2000, this number counts as independent. Not swept;
-/// with it, two cameras have to leave less than .69 of what a field of offsets leaves.
+/// Blocks of rows overlap and share their errors: out of 60 to 2000, this number counts as independent. Not
+/// swept; with it, two cameras have to leave less than .69 of the differences that a field of offsets leaves.
 pub const INDEPENDENT: usize = 60;
 
-/// Where a fact comes from.
+/// The origin of a fact.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Origin {
     /// The caller states it.
     Given,
     /// It was estimated from this pair.
     Estimated,
-    /// Earlier frames of the same cameras have shown it.
+    /// Earlier frames of the same cameras showed it.
     Remembered,
-    /// It is that of the same pair at another size.
+    /// It comes from the same pair at another size.
     Scaled,
 }
 
-/// Something that is known of a pair.
+/// A known fact about a pair.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fact<T> {
-    /// What is known.
+    /// Its value.
     pub value: T,
-    /// Where it comes from.
+    /// Its origin.
     pub origin: Origin,
 }
 
 /// How the rows of a pair correspond.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub enum Rows {
-    /// It is not known: estimated if the settings ask for it.
+    /// Unknown: estimated if the settings ask for it.
     #[default]
     Unknown,
-    /// It is to be estimated, whatever the settings ask for.
+    /// To be estimated, whatever the settings.
     Wanted,
     /// By this field of vertical offsets; `None`: they are aligned.
     Known(Box<Fact<Option<Alignment>>>),
 }
 
 impl Rows {
-    /// Rows of which this is known.
+    /// Rows with this known fact.
     pub fn known(fact: Fact<Option<Alignment>>) -> Self {
         Self::Known(Box::new(fact))
     }
 }
 
-/// Along what things move from one image to the other by their distance.
+/// The axis of the disparities.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Direction {
     /// Along rows: the cameras are beside each other.
@@ -72,18 +72,17 @@ pub enum Direction {
     Columns,
 }
 
-/// What is known of a pair.
+/// The known facts about a pair.
 #[derive(Debug, Clone, Default)]
 pub struct Facts {
-    /// Along what things move by their distance; `None`: along rows, unless the images show clearly that it
-    /// is along columns. A pair that moves along columns is turned before it is looked at ([`Facts::turns`]).
+    /// The axis of the disparities; `None`: along rows, unless the images clearly show that it is along
+    /// columns. A pair with disparities along columns is turned before anything else ([`Facts::turns`]).
     pub axis: Option<Fact<Direction>>,
     /// The disparities to search.
     pub candidates: Option<Fact<Candidates>>,
     /// Standard deviations of the noise, left and right.
     pub noise: Option<[f64; 2]>,
-    /// How blur is compensated for before pixels are compared; where it is known, neither blur nor noise is
-    /// estimated.
+    /// The blur compensation before pixels are compared; if it is known, neither blur nor noise is estimated.
     pub compensation: Option<BlurCompensation>,
     /// How rows correspond.
     pub rows: Rows,
@@ -92,34 +91,34 @@ pub struct Facts {
 }
 
 impl<T> Fact<T> {
-    /// What the caller states.
+    /// A fact that the caller states.
     pub fn given(value: T) -> Self {
         Self { value, origin: Origin::Given }
     }
 
-    /// What was estimated from this pair.
+    /// A fact that was estimated from this pair.
     pub fn estimated(value: T) -> Self {
         Self { value, origin: Origin::Estimated }
     }
 
-    /// What earlier frames have shown.
+    /// A fact from earlier frames.
     pub fn remembered(value: T) -> Self {
         Self { value, origin: Origin::Remembered }
     }
 
-    /// What the same pair has at another size.
+    /// A fact about the same pair at another size.
     pub fn scaled(value: T) -> Self {
         Self { value, origin: Origin::Scaled }
     }
 }
 
 impl Facts {
-    /// The disparities to search, if they are known.
+    /// The disparities to search, if known.
     pub fn searched(&self) -> Option<Candidates> {
         self.candidates.as_ref().map(|known| known.value)
     }
 
-    /// How rows correspond, if that is known.
+    /// How rows correspond, if known.
     pub fn aligned(&self) -> Option<&Option<Alignment>> {
         match &self.rows {
             Rows::Known(known) => Some(&known.value),
@@ -127,25 +126,25 @@ impl Facts {
         }
     }
 
-    /// Whether pairs are to be turned: things move along their columns.
+    /// Whether pairs are to be turned, since disparities are along their columns.
     pub fn turns(&self) -> bool {
         self.axis.as_ref().is_some_and(|axis| axis.value == Direction::Columns)
     }
 
-    /// The same for who searches rows alone, whatever the images show.
+    /// The same facts for matchers that only search rows, whatever the images show.
     pub fn along_rows(&self) -> Self {
         Self { axis: Some(Fact::given(Direction::Rows)), ..self.clone() }
     }
 
-    /// Whether something is known of the images that would not hold once they are resampled.
+    /// Whether some fact about the images would no longer hold after resampling.
     pub fn is_of_these_pixels(&self) -> bool {
         self.aligned().is_some_and(Option::is_some) || self.compensation.is_some()
     }
 }
 
-/// The evidence for an explanation that leaves residuals of standard deviation `after` over one that leaves
-/// `before`, nats: it has more parameters, by `parameters`, and independent observations with normal errors
-/// distinguish them.
+/// The evidence, in nats, for an explanation that leaves residuals of standard deviation `after`, over one
+/// that leaves `before` and has fewer parameters, by `parameters`; independent observations with normal
+/// errors distinguish them.
 ///
 /// ```text
 /// nats = observations ln(before / after) - parameters / 2 ln(observations)

@@ -1,57 +1,56 @@
-//! Whether the left image is that of the left camera. The sign of the disparities does not show it: cropped
-//! images and toed-in cameras have negative ones, too. Two other signs do, which have nothing to do with each
-//! other.
+//! Whether the left image comes from the left camera. The sign of the disparities does not show it: cropped
+//! images and toed-in cameras have negative ones, too. Two other signs do, independent of each other.
 //!
 //! ```text
-//! ground = rank correlation of row and disparity      # the ground is below, and nearer the lower it is seen
+//! ground = rank correlation of row and disparity      # the ground is below, and nearer the lower it appears
 //! sides  = (votes for "in place" - votes for "exchanged") / votes          # of half-seen strips
 //!
 //! in place:  ground >= .3 and sides >= -.1, or sides >= .25 and ground >= -.2
 //! exchanged: the same with ground and sides negated
 //! ```
 //!
-//! A half-seen strip has no disparity, as one camera alone sees it: it is as wide as the disparities beside
-//! it differ. It belongs to the far surface, and lies to the left of the near thing in the image of the left
-//! camera, to its right in that of the right one. So each strip has two votes: at which end is the stronger
-//! edge, that of the near thing; and to which side is it alike in gray, that of the far surface.
+//! A half-seen strip has no disparity, since only one camera sees it: its width is the difference between the
+//! disparities beside it. It belongs to the far surface, and lies to the left of the near object in the image
+//! of the left camera, to its right in that of the right one. So each strip has two votes: which end has the
+//! stronger edge, that of the near object; and which side has similar gray values, that of the far surface.
 
 use super::overview::{Overview, RoughMap};
 
-/// Signs of the order that are clear, by themselves: see the start of this file. Any thresholds of .2 to .5
+/// Signs of the order that are clear by themselves: see the start of this file. All thresholds of .2 to .5
 /// and .15 to .35 gave no wrong answer in 327 pairs, both ways each.
 const CLEAR: (f64, f64) = (0.3, 0.25);
-/// ... and the other one, of the other order, that they bear.
+/// ... and contradicting values of the other sign that they tolerate.
 const BORNE: (f64, f64) = (0.2, 0.1);
-/// Fewest votes of strips that count: those of 30 pairs of 256 columns have 29 to 1105.
+/// Fewest votes of strips that count: 30 pairs of 256 columns have 29 to 1105.
 const LEAST_VOTES: usize = 20;
-/// Share of the pixels that have a disparity from which on they show the order.
+/// Least share of the pixels with a disparity that shows the order.
 const LEAST_KNOWN: f64 = 0.25;
-/// Least width of a strip, pixels of the copy; and by which share of its width the jump of the disparities
-/// may differ from it.
+/// Least width of a strip, pixels of the copy; and the share of its width by which the jump of the
+/// disparities may differ from it.
 const LEAST_STRIP: f32 = 2.0;
 const UNLIKE: f32 = 0.5;
-/// Pixels on either side of an end of a strip that show its edge, and its gray.
+/// Pixels on either side of a strip's end that show its edge and its gray value.
 const BESIDE: usize = 3;
-/// Differences of gray of which one is this many times the other are clear.
+/// Least ratio of two gray differences that is clear.
 const TIMES: f32 = 1.5;
 
-/// Whether the left image is that of the left camera.
+/// Whether the left image comes from the left camera.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Order {
-    /// It is.
+    /// It does.
     InPlace,
-    /// It is that of the right one.
+    /// It comes from the right one.
     Exchanged,
     /// The images do not show it.
     Unknown,
 }
 
-/// What the images show of the order of the cameras.
+/// The evidence in the images about the order of the cameras.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Signs {
     /// Rank correlation of row and disparity.
     pub ground: f64,
-    /// Votes of half-seen strips for "in place" less those for "exchanged", as a share of all; 0 where these
+    /// Votes of half-seen strips for "in place" minus those for "exchanged", as a share of all; 0 if there
     /// are few.
     pub sides: f64,
     /// Whether enough pixels have a disparity.
@@ -59,10 +58,10 @@ pub struct Signs {
 }
 
 impl Signs {
-    /// Signs of nothing.
+    /// No signs.
     pub const NONE: Self = Self { ground: 0.0, sides: 0.0, is_seen: false };
 
-    /// The signs on a rough match of some copies.
+    /// The signs in a rough match of some copies.
     pub fn new(copies: &Overview, map: &RoughMap) -> Self {
         let known = map.disparity.as_slice().iter().filter(|value| value.is_finite()).count();
         let votes = votes(copies, map);
@@ -89,7 +88,7 @@ impl Signs {
     }
 }
 
-/// Spearman's rank correlation of the rows of known disparities, and these.
+/// Spearman's rank correlation between known disparities and their rows.
 fn rank_correlation(map: &RoughMap) -> f64 {
     let rows = map.disparity.rows();
     let pixels = (0..rows).flat_map(|y| map.disparity.row(y).iter().map(move |value| (y, *value)));
@@ -127,7 +126,7 @@ fn middle_ranks(values: impl Iterator<Item = i64> + Clone) -> Vec<f64> {
     values.map(|value| ranks[(value - least) as usize]).collect()
 }
 
-/// Votes of half-seen strips that the images are in place, and that they are exchanged.
+/// Votes of half-seen strips for images in place, and for exchanged ones.
 fn votes(copies: &Overview, map: &RoughMap) -> [usize; 2] {
     let mut votes = [0; 2];
     for y in 0..map.disparity.rows() {
@@ -143,7 +142,7 @@ fn votes(copies: &Overview, map: &RoughMap) -> [usize; 2] {
                 && valid[before..x].iter().all(|valid| *valid)
             {
                 let edge = edges(gray, [before, x]);
-                // The near thing is at the end of the stronger edge: at the right one, if the images are in
+                // The near object is at the end with the stronger edge: the right one, if the images are in
                 // place.
                 votes[usize::from(edge[0] >= edge[1])] += 1;
                 if let Some(is_exchanged) = is_of_right_surface(gray, [before, x]) {
@@ -155,7 +154,7 @@ fn votes(copies: &Overview, map: &RoughMap) -> [usize; 2] {
     votes
 }
 
-/// Whether the pixels between two that have disparities are hidden from the other camera.
+/// Whether the pixels between two with disparities are hidden from the other camera.
 fn is_strip(disparities: &[f32], [before, after]: [usize; 2]) -> bool {
     let width = (after - before - 1) as f32;
     let jump = disparities[after] - disparities[before];
@@ -170,7 +169,7 @@ fn edges(gray: &[f32], ends: [usize; 2]) -> [f32; 2] {
     })
 }
 
-/// Whether a strip is in gray like the surface to its right, not like that to its left; `None`: it is like
+/// Whether the gray values of a strip resemble the surface to its right, not the one to its left; `None`:
 /// both.
 fn is_of_right_surface(gray: &[f32], [before, after]: [usize; 2]) -> Option<bool> {
     let mean = |part: &[f32]| part.iter().sum::<f32>() / part.len() as f32;
@@ -189,7 +188,8 @@ mod tests {
 
     const SIZE: (usize, usize) = (60, 120);
 
-    /// A rough match of a ramp with a thing before it, as the left camera of a rig sees it, or the right one.
+    /// A rough match of a ramp with an object in front of it, as seen by the left camera of a rig, or the
+    /// right one.
     fn signs(slope: f32, near: f32, is_of_left: bool) -> Signs {
         let (rows, cols) = SIZE;
         let (from, to) = (50, 80);

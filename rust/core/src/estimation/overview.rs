@@ -17,37 +17,38 @@ use phasestereo_match::pair::candidates::Candidates;
 use phasestereo_match::refinement::flag;
 use phasestereo_match::settings::Settings;
 
-/// Most columns of the reduced images: so few that all disparities can be tried, and that little is left of a
-/// blur of ten pixels.
+/// Most columns of the reduced images: few enough that all disparities can be tried, and that little is left
+/// of a blur of ten pixels.
 const WIDTH: usize = 256;
-/// Most columns of the finer copies, on which the ends of the range and thin things are found; they are
-/// reduced by two at least.
+/// Most columns of the finer copies, on which the ends of the range and thin objects are found; they are
+/// reduced by at least two.
 const FINE_WIDTH: usize = 720;
 /// Most columns of the still smaller copies, on which all disparities are tried.
 pub const COARSE_WIDTH: usize = 128;
-/// Largest disparity that is tried, as a share of the width.
+/// Largest disparity tried, as a share of the width.
 const REACH: f64 = 0.45;
-/// Vertical shifts of the smallest copies, in rows up and down, that are tried where nothing matches.
+/// Vertical shifts of the smallest copies, in rows up and down, that are tried if nothing matches.
 const MOST_ROWS: isize = 6;
 /// Fewest rows of a reduced image: a very wide one keeps more columns instead.
 const LEAST_ROWS: usize = 24;
 /// Images with fewer rows or columns are too small for estimates.
 pub const LEAST_SIZE: usize = 48;
-/// From this mean confidence on, no other rows, range or inversion is tried.
+/// At this mean confidence or more, no other rows, range or inversion are tried.
 pub const GOOD_CONFIDENCE: f64 = 0.65;
 /// Disparities of at least this confidence are kept.
 const SURE: f32 = 0.5;
-/// Of the rows of a copy, one in this many shows whether gray levels rise on one side and fall on the other.
+/// One in this many rows of a copy is used to decide whether gray levels rise on one side where they fall on
+/// the other.
 const SAMPLED: usize = 4;
 
-/// How a match of copies looks at details.
+/// The level of detail of a match of copies.
 #[derive(Debug, Clone, Copy)]
 pub struct CopySettings {
     /// Side of the neighborhood of a code.
     pub neighborhood: usize,
     /// Side of the window that costs are summed over.
     pub window: usize,
-    /// Regions of so few pixels are mistakes.
+    /// Regions of at most this many pixels are mistakes.
     pub speckle: usize,
     /// Whether disparities are found between whole pixels.
     pub subpixel: bool,
@@ -55,11 +56,11 @@ pub struct CopySettings {
 
 /// Large neighborhoods withstand blur and noise.
 pub const ROUGH: CopySettings = CopySettings { neighborhood: 9, window: 9, speckle: 12, subpixel: false };
-/// Small ones show small things.
+/// Small ones show small objects.
 pub const FINE: CopySettings = CopySettings { neighborhood: 3, window: 5, speckle: 40, subpixel: true };
 
 impl CopySettings {
-    /// The settings of a rough match: with a left-right check, nothing filled or smoothed.
+    /// The settings of a rough match: with a left-right check, without filling or smoothing.
     pub fn settings(self) -> Settings {
         Settings {
             p1: 2.0,
@@ -79,7 +80,7 @@ pub struct Overview {
     pub factor: usize,
     /// Their gray values.
     pub planes: [Plane<f32>; 2],
-    /// Whether most of the pixels under each pixel of the left one are valid.
+    /// Whether most pixels under each pixel of the left one are valid.
     pub valid: Plane<bool>,
 }
 
@@ -90,27 +91,27 @@ pub type Span = (isize, isize);
 pub struct RoughMap {
     /// Whole pixels of the reduced image; NaN where the images do not agree.
     pub disparity: Plane<f32>,
-    /// The same before uncertain and masked pixels became NaN.
+    /// The same, before uncertain and masked pixels became NaN.
     pub unsure: Plane<f32>,
     /// The field by which the right image was resampled.
     pub field: Option<Alignment>,
     /// Mean confidence: 0.66 to 0.95 on small copies of 12 pairs; 0.19 to 0.39 on those of unrelated images,
-    /// of noise, and of pairs whose rows are four or more off there.
+    /// of noise, and of pairs whose rows are off by four or more there.
     pub confidence: f64,
 }
 
-/// Disparities of reduced images, in pixels of the whole ones.
+/// Disparities of reduced images, in pixels of the full ones.
 #[derive(Debug)]
 pub struct Seen {
     /// NaN where the images do not agree.
     pub all: Plane<f32>,
-    /// NaN also where the match is not sure.
+    /// NaN also where the match is uncertain.
     pub sure: Plane<f32>,
     /// The factor by which the images are reduced.
     pub factor: usize,
 }
 
-/// The disparities of copies that a rough match found, of which every pixel of the copies has one.
+/// The disparities of copies that a rough match found, with one at every pixel of the copies.
 #[derive(Debug, Clone, Copy)]
 pub struct Guess<'a> {
     /// Disparities of copies of another size; NaN: none.
@@ -119,7 +120,7 @@ pub struct Guess<'a> {
     pub by: usize,
     /// ... or smaller, or 1.
     pub finer: usize,
-    /// The pixels of the copies at which things outside the run are looked for; `None`: all.
+    /// The pixels of the copies where objects outside the run are searched; `None`: all.
     pub judged: Option<&'a Plane<bool>>,
 }
 
@@ -138,18 +139,18 @@ pub fn fine_factor(size: (usize, usize)) -> usize {
 }
 
 impl Overview {
-    /// Reduces a pair; `None` where it is too small for estimates.
+    /// Reduces a pair; `None` if it is too small for estimates.
     pub fn new(rows: &PairRows, runtime: Runtime) -> Result<Option<Self>> {
         Self::by(reduction(rows.size(), WIDTH), rows, runtime)
     }
 
-    /// Reduces a pair less, for finer copies; `None` where it is too small for estimates.
+    /// Reduces a pair less, for finer copies; `None` if it is too small for estimates.
     pub fn fine(rows: &PairRows, runtime: Runtime) -> Result<Option<Self>> {
         Self::by(fine_factor(rows.size()), rows, runtime)
     }
 
-    /// Reduces the pair of these copies half as much, for the finest, which show the smallest things; `None`:
-    /// these are not reduced.
+    /// Reduces the pair of these copies half as much, for the finest copies, which show the smallest objects;
+    /// `None`: these are not reduced.
     pub fn finest(&self, rows: &PairRows, runtime: Runtime) -> Result<Option<Self>> {
         if self.factor == 1 { Ok(None) } else { Self::by(self.factor / 2, rows, runtime) }
     }
@@ -173,7 +174,7 @@ impl Overview {
             })?;
             for (side, reduced) in [&mut left, &mut right].into_iter().zip(both) {
                 let here = reduced.of_rows(skipped..skipped + visited.len()).into_vec();
-                // Most pairs are one part, which is taken without a copy.
+                // Most pairs are one part, which is used without a copy.
                 if side.is_empty() {
                     *side = here;
                 } else {
@@ -205,7 +206,7 @@ impl Overview {
         Ok(Some(Self { factor, planes: [plane(left)?, plane(right)?], valid }))
     }
 
-    /// Some bands of the rows of a pair, one below the other, reduced as [`Self::finest`] reduces all.
+    /// Some bands of the rows of a pair, one below the other, reduced as in [`Self::finest`].
     pub fn finest_of_bands(pair: &Pair, bands: &[Range<usize>], runtime: Runtime) -> Result<Self> {
         let (mut left, mut right, mut valid) = (vec![], vec![], vec![]);
         for rows in bands {
@@ -224,14 +225,14 @@ impl Overview {
         if by > 1 { whole.reduced_by(by, runtime) } else { Ok(whole) }
     }
 
-    /// Reduced images as they are, valid everywhere.
+    /// Unchanged reduced images, valid everywhere.
     #[cfg(test)]
     pub fn of_planes(planes: [Plane<f32>; 2]) -> Self {
         let valid = planes[0].map(|_| true);
         Self { factor: 1, planes, valid }
     }
 
-    /// The vertical shift with which still smaller copies match best; `None`: without any shift.
+    /// The vertical shift with which still smaller copies match best; `None`: no shift.
     pub fn shift(
         &self,
         candidates: Option<Candidates>,
@@ -244,7 +245,7 @@ impl Overview {
         let mut most = coarse.matched(span, None, ROUGH, runtime)?.confidence;
         let mut best = None;
 
-        // Small shifts first: of equal ones, the smallest is kept.
+        // Small shifts first: among equal ones, the smallest is kept.
         for by in (1..=MOST_ROWS).flat_map(|by| [by, -by]) {
             let mut coefficients = [0.0; TERMS];
             coefficients[0] = (by * coarse.factor as isize) as f64;
@@ -277,7 +278,7 @@ impl Overview {
         })
     }
 
-    /// What a rough match of these copies guesses of others of the same pair.
+    /// The guess that a rough match of these copies gives for others of the same pair.
     pub fn guess<'a>(&self, map: &'a RoughMap, others: &Self) -> Guess<'a> {
         let finer = (self.factor / others.factor).max(1);
         Guess { disparity: &map.unsure, by: (others.factor / self.factor).max(1), finer, judged: None }
@@ -291,7 +292,7 @@ impl Overview {
         Self { factor: self.factor, planes, valid: self.valid.clone() }
     }
 
-    /// Whether, where they match, what is brighter than the mean in one image is darker in the other.
+    /// Whether, at matching pixels, those brighter than the mean in one image are darker in the other.
     pub fn is_opposite(&self, map: &RoughMap) -> bool {
         let cols = self.valid.cols();
         let mut matched = vec![];
@@ -318,19 +319,19 @@ impl Overview {
         (by > 1).then(|| self.reduced_by(by, runtime)).transpose()
     }
 
-    /// The same, reduced by two more; `None` where these are the smallest copies.
+    /// The same, reduced by two more; `None`: these are the smallest copies.
     pub fn halved(&self, runtime: Runtime) -> Result<Option<Self>> {
         let size = self.valid.size();
         let is_larger = reduction(size, COARSE_WIDTH) > 1;
         is_larger.then(|| self.reduced_by(2, runtime)).transpose()
     }
 
-    /// The same, reduced still more, to this many columns.
+    /// The same, reduced further, to this many columns.
     pub fn reduced(&self, width: usize, runtime: Runtime) -> Result<Self> {
         self.reduced_by(reduction(self.valid.size(), width), runtime)
     }
 
-    /// The same, reduced by so much more.
+    /// The same, reduced further by this factor.
     pub fn reduced_by(&self, by: usize, runtime: Runtime) -> Result<Self> {
         let planes = both(|side| reduced(&self.planes[side], by, runtime))?;
 
@@ -339,21 +340,21 @@ impl Overview {
         Ok(Self { factor: self.factor * by, planes, valid })
     }
 
-    /// The span here of disparities of the whole images. It has no margin: one more on either side of a power
-    /// of two would take another run of lanes.
+    /// The span of these copies for disparities of the full images. It has no margin: one more on either side
+    /// of a power of two would take another run of lanes.
     pub fn span(&self, all: Candidates) -> Span {
         let factor = self.factor as isize;
         (all.min().div_euclid(factor), all.max().div_euclid(factor))
     }
 
-    /// The span of all disparities that are tried.
+    /// The span of all disparities to try.
     pub fn widest(&self) -> Span {
         let reach = (REACH * self.planes[0].cols() as f64) as isize;
         (-reach, reach)
     }
 
-    /// Matches the reduced images over a span of their disparities, the right one resampled by the field:
-    /// roughly, with a left-right check.
+    /// Matches the reduced images over a span of their disparities, with the right one resampled by the
+    /// field: roughly, with a left-right check.
     pub fn matched(
         &self,
         span: Span,
@@ -377,7 +378,7 @@ pub fn of_bands<T: Copy>(plane: &Plane<T>, bands: &[Range<usize>]) -> Result<Pla
 }
 
 impl RoughMap {
-    /// The disparities, of images that are reduced by a factor.
+    /// The disparities of images that are reduced by a factor.
     pub fn seen(&self, factor: usize) -> Seen {
         let [all, sure] = [&self.unsure, &self.disparity].map(|plane| plane.map(|d| d * factor as f32));
         Seen { all, sure, factor }

@@ -1,14 +1,14 @@
-//! What the gray values of a pair say of it: how the two images compare, how much of them carries no
-//! information, and what misleads a match.
+//! The estimates from the gray values of a pair: how the two images compare, how much of them carries no
+//! information, and which patterns mislead a match.
 //!
-//! Rows are sampled: of every sixteen the first and the ninth, and the two below the first. All that is
-//! counted is an integer, so it does not matter how a pair is cut into parts:
+//! Rows are sampled: of every sixteen the first and the ninth, and the two below the first. All counts are
+//! integers, so it does not matter how a pair is cut into parts:
 //!
 //! ```text
-//! saturated   pixels with a channel at the least or at the largest value that the image has
-//! flat        runs of 16 pixels of a row that differ by no more than noise does
+//! saturated   pixels with a channel at the smallest or the largest value of the image
+//! flat        runs of 16 pixels of a row that differ by no more than noise
 //! smeared     runs with texture, whose values lie on a smooth curve (rows.rs)
-//! repeated    windows of a row that come back a few pixels on, within the disparities that are searched (rows.rs)
+//! repeated    windows of a row that recur a few pixels on, within the searched disparities (rows.rs)
 //! fields      sums of differences between even and odd rows, shifted against each other (rows.rs)
 //! ```
 //!
@@ -35,25 +35,25 @@ use phasestereo_match::pair::Pair;
 
 /// Rows of a strip.
 const STRIP: usize = 16;
-/// Of a strip, each row of this many is looked at.
+/// Every this many rows of a strip, one is sampled.
 const EVERY: usize = 8;
 /// Steps of a gray value in which rows are compared.
 const STEPS: f32 = 64.0;
 /// Differences up to this many standard deviations of the noise are not texture.
 const QUIET: f64 = 2.0;
-/// ... and so are those below this share of the range, half a gray level of 8 bits, however little noise
+/// ... and neither are those below this share of the range, half a gray level of 8 bits, however little noise
 /// there is.
 const FLAT: f64 = 0.002;
-/// Runs of this many times that are judged for how sharp they are.
+/// The sharpness of runs with this many times that is judged.
 const TEXTURED: f64 = 3.0;
-/// Interlaced images: shifted back, the fields differ by at most this share of what they differ by as they
-/// are. Of progressive images, no shift makes even and odd rows more alike.
+/// Interlaced images: shifted back, the fields differ by at most this share of their unshifted difference. In
+/// progressive images, no shift makes even and odd rows more similar.
 const ALIKE: f64 = 0.9;
-/// By chance, sums over `n` differences of noise differ by about `1 / sqrt(n)` of themselves; beyond this
-/// multiple it is significant.
+/// By chance, sums over `n` differences of noise vary by about `1 / sqrt(n)` of themselves; beyond this
+/// multiple, a difference is significant.
 const BEYOND_CHANCE: f64 = 6.0;
 
-/// Shares of an image's pixels, 0 to 1, whose gray value is at an end of those that the image has.
+/// Shares of an image's pixels, 0 to 1, whose gray value is at an end of the image's range.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Saturation {
     /// At the least value.
@@ -62,41 +62,41 @@ pub struct Saturation {
     pub bright: f64,
 }
 
-/// What the gray values of a pair say; of two values, that of the left image comes first.
+/// The estimates from the gray values of a pair; pairs of values have the left image first.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Photometry {
     /// Black, in units of the pixels.
     pub black: f64,
-    /// Black to white, in units of the pixels: what the bits in use can hold, or the range of floats.
+    /// Black to white, in units of the pixels: the capacity of the bits in use, or the range of floats.
     pub range: f64,
     /// Pixels at the ends of the values.
     pub saturation: [Saturation; 2],
-    /// Shares of the image without texture along its rows; NaN where it is narrower than a run.
+    /// Shares of the image without texture along its rows; NaN if it is narrower than a run.
     pub flat: [f64; 2],
-    /// Shares of the texture that is smeared, as by lossy compression, by denoising or by a soft lens; NaN:
-    /// none.
+    /// Shares of the texture that is smeared, as by lossy compression, by denoising or by a soft lens; NaN
+    /// without texture.
     pub smeared: [f64; 2],
-    /// Shares of the image with texture that repeats itself along its rows; NaN where it is too narrow.
+    /// Shares of the image with texture that repeats along its rows; NaN if it is too narrow.
     pub repeated: [f64; 2],
-    /// By how many pixels odd rows are shifted against even ones, as in interlaced video of what moves; 0:
-    /// they are not.
+    /// Pixels by which odd rows are shifted against even ones, as in interlaced video of motion; 0: they are
+    /// not.
     pub fields: [i32; 2],
     /// How the gray levels of the images correspond; `None`: too little corresponds.
     pub contrast: Option<Contrast>,
 }
 
-/// How gray values of an image (`rough::grays`) become fractions of the range from black to white.
+/// The conversion of gray values (`rough::grays`) of an image to fractions of the range from black to white.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LightScale {
     /// The gray value of black.
     black: f64,
-    /// White less black.
+    /// White minus black.
     width: f64,
     /// Gray values per unit of the pixels.
     unit: f64,
 }
 
-/// The scales of both images, and white less black in units of the pixels.
+/// The scales of both images, and white minus black in units of the pixels.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Scales {
     sides: [LightScale; 2],
@@ -104,26 +104,26 @@ pub struct Scales {
     range: f64,
 }
 
-/// What is counted in an image.
+/// Counts from an image.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct GrayExtremes {
-    /// The least gray value, and the pixels that have it.
+    /// The smallest gray value, and the number of pixels with it.
     least: (f64, u64),
-    /// The largest gray value, and the pixels that have it.
+    /// The largest gray value, and the number of pixels with it.
     largest: (f64, u64),
-    /// Pixels that were looked at.
+    /// Number of sampled pixels.
     pixels: u64,
     /// Runs of pixels.
     runs: Runs,
-    /// Windows that repeat themselves, and all.
+    /// Windows that repeat, and all.
     repeated: [u64; 2],
     /// Sums of differences between the fields, by shift.
     fields: [u64; 2 * FIELD_REACH + 1],
 }
 
 impl Photometry {
-    /// Looks at sampled rows of a pair of which this many disparities are searched. `noise` are the standard
-    /// deviations in units of the pixels, 0 where unknown.
+    /// Examines sampled rows of a pair with this many searched disparities. `noise` holds the standard
+    /// deviations in units of the pixels, 0 if unknown.
     pub fn new(
         rows: &PairRows,
         scales: &Scales,
@@ -164,13 +164,13 @@ impl Photometry {
         })
     }
 
-    /// The share of the image that repeats itself in both.
+    /// The share of the image that repeats in both.
     pub fn repeats(&self) -> f64 {
         self.repeated[0].min(self.repeated[1])
     }
 }
 
-/// The quotient of a count and of all; NaN of none.
+/// The quotient of a count and of all; NaN if there are none.
 fn share([some, all]: [u64; 2]) -> f64 {
     some as f64 / all as f64
 }
@@ -181,19 +181,19 @@ struct Limits {
     noise: f64,
     /// The standard deviation below which there is no texture.
     flat: f64,
-    /// That from which on texture may be judged for how sharp it is.
+    /// The smallest standard deviation for which the sharpness of texture is judged.
     textured: f64,
     /// The longest period that misleads a match, pixels.
     period: usize,
 }
 
 impl Scales {
-    /// The scales of a pair, of which `sample` is any part.
+    /// The scales of a pair; `sample` is any part of it.
     pub fn new(sample: &Pair) -> Self {
         let views = sample.views();
         let scales = views.map(View::scale);
 
-        // Integers begin at 0 and end with as many bits as are in use; floats have one range in both images.
+        // Integers begin at 0 and have as many bits as are in use; floats have one range in both images.
         let (black, range) = if let Some((step, _)) = scales[0].step().zip(scales[1].step()) {
             (0.0, 256.0 * scales[0].level() - step)
         } else {
@@ -293,7 +293,7 @@ impl GrayExtremes {
 
     /// The counts of both parts.
     fn and(self, other: Self) -> Self {
-        // Of two ends, the outer one counts.
+        // The outer one of two ends counts.
         let end = |own: (f64, u64), other: (f64, u64), is_outer: bool| match () {
             () if own.0.to_bits() == other.0.to_bits() => (own.0, own.1 + other.1),
             () if is_outer => other,
@@ -317,12 +317,12 @@ impl GrayExtremes {
         Saturation { dark: of(self.least.1), bright: of(self.largest.1) }
     }
 
-    /// By how many pixels odd rows are shifted; 0: no shift makes the fields clearly more alike.
+    /// Pixels by which odd rows are shifted; 0: no shift makes the fields clearly more similar.
     fn field_shift(&self) -> i32 {
         let differences = self.fields.iter().enumerate();
         let best = differences.min_by_key(|(_, sum)| **sum).map_or(FIELD_REACH, |(at, _)| at);
 
-        // Of a strip, one row of pixels is compared, and one of every `EVERY` is looked at.
+        // One row of pixels per strip is compared, and one in every `EVERY` is sampled.
         let compared = (self.pixels * EVERY as u64 / STRIP as u64).max(1) as f64;
         let most = ALIKE.min(1.0 - BEYOND_CHANCE / compared.sqrt());
         let is_clear = (self.fields[best] as f64) < most * self.fields[FIELD_REACH] as f64;
@@ -349,12 +349,12 @@ fn write_steps(level: Level, row: &[f32], steps: &mut [i32]) {
     }
 }
 
-/// The ends of the values of a row, and how many pixels have them.
+/// The ends of the values of a row, and the numbers of pixels with them.
 struct RowExtremes {
     least: i32,
     largest: i32,
     pixels: usize,
-    /// Pixels that are the least, and those that are the largest.
+    /// Numbers of pixels with the smallest and with the largest value.
     counts: [u32; 2],
 }
 

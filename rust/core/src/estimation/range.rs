@@ -1,5 +1,5 @@
 //! The range of disparities to search: the run that holds nearly all of those found in reduced copies of a
-//! pair, with what lies next to it, and the areas that match outside it ([`super::areas`]), however small.
+//! pair, with adjacent ones, and the areas that match outside it ([`super::areas`]), however small.
 
 use std::cmp::Reverse;
 use std::ops::Range;
@@ -20,16 +20,16 @@ use phasestereo_match::pair::alignment::Alignment;
 use phasestereo_match::pair::candidates::Candidates;
 use phasestereo_match::settings::MOST_DISPARITIES;
 
-/// Least mean confidence of a usable match: 0.58 to 0.95 for 12 pairs, sharp, after six one-sided blurs and with
-/// changed contrast; 0.11 to 0.44 for images that have nothing in common.
+/// Least mean confidence of a usable match: 0.58 to 0.95 for 12 pairs, sharp, after six one-sided blurs and
+/// with changed contrast; 0.11 to 0.44 for unrelated images.
 pub const LEAST_CONFIDENCE: f64 = 0.45;
-/// Share of the matches that the shortest range holds at least.
+/// Least share of the matches in the shortest range.
 const CORE: f64 = 0.97;
 /// A disparity next to the range belongs to it if it has at least this share of the matches.
 const FEW: f64 = 0.001;
 /// Disparities farther off than this share of the range's length are mistakes.
 const NEXT: f64 = 0.12;
-/// Disparities to search beyond those that were found on either side, as a share of the range's length.
+/// Disparities searched beyond those that were found on either side, as a share of the range's length.
 const MARGIN: f64 = 0.08;
 /// ... and as a share of a pixel of the copy on which the ends were found.
 const COARSE: f64 = 0.1;
@@ -37,44 +37,43 @@ const COARSE: f64 = 0.1;
 const LONG: f64 = 16.0;
 /// Nearly all of the matches.
 const NEARLY_ALL: f64 = 0.95;
-/// Least mean confidence of the match of finer copies; with less, noise or blur leave nothing to be seen in
-/// them.
+/// Least mean confidence of the match of finer copies; with less, noise or blur hide everything in them.
 const LEAST_FINE: f64 = 0.5;
-/// Pixels of the copy by which finer copies of less confidence may still move an end inwards.
+/// Pixels of the copy by which finer copies of less confidence may still move an end inward.
 const LOST: isize = 1;
-/// Bits by which an area has to be explained better by disparities outside the run to belong to the range. Of
-/// 54 things of 0.5 % of an image, 8 to 14 px wide, or of 24 to 40 px, one has less; in 27 pairs without such
-/// things, no area has more than 857 ...
+/// Least advantage, in bits, of disparities outside the run for an area that belongs to the range. Of 54
+/// objects of 0.5 % of an image, 8 to 14 px wide, or of 24 to 40 px, one has less; in 27 pairs without such
+/// objects, no area has more than 857 ...
 const CERTAIN: u64 = 1000;
-/// ... or, on the near side of the run, within this share of its length of it.
+/// ... or of this, on the near side of the run, within this share of its length.
 const BESIDE: (u64, f64) = (500, 0.25);
-/// Bits by which an area of the finest copies has to be explained better, where pixels that the right image
-/// does not show again count against it. In 42 pairs without such things, sharp, blurred, or with noise of up
-/// to 8 gray levels, none has more than 433; under things of a few pixels, those that were lost with twice as
-/// much have 580 to 1120.
+/// Least advantage, in bits, for an area of the finest copies, where pixels that the right image does not
+/// confirm count against it. In 42 pairs without such objects, sharp, blurred, or with noise of up to 8 gray
+/// levels, none has more than 433; under objects of a few pixels, those that were lost with twice as much
+/// have 580 to 1120.
 const CERTAIN_FINE: u64 = 500;
-/// The same of areas that are farther than the run, which are not small. Without such things, areas in 50
-/// streams have up to 2400; with things of 125 x 44 px there, 12 000 and more.
+/// The same for areas farther than the run, which are not small. Without such objects, areas in 50 streams
+/// have up to 2400; with objects of 125 x 44 px there, 12 000 and more.
 const CERTAIN_FARTHER: u64 = 5000;
-/// By what factor steps between neighboring columns are larger at the borders of such blocks. Of 20 pairs,
+/// Factor by which steps between neighboring columns are larger at the borders of such blocks. Of 20 pairs,
 /// 0.87 to 1.04; under JPEG of quality 60 1.07 to 1.71, of quality 30 1.28 to 2.47.
 const BLOCKY: f64 = 1.06;
-/// Frames that look at all rows of a video in turns: if it is known which squares change, and if not. Two take
-/// 6 % of the time of a steady frame of 741 x 497 by `fast`, and find some things one frame late.
+/// Frames that take turns in covering all rows of a video: if it is known which squares change, and if not.
+/// Two take 6 % of the time of a steady frame of 741 x 497 by `fast`, and find some objects one frame late.
 const TURNS: [usize; 2] = [8, 2];
-/// Rows of squares that are looked at together.
+/// Rows of squares that are examined together.
 const TURN_ROWS: usize = 2;
-/// Rows of the finer copies of a band in which an end of the run is refined.
+/// Rows of a band of the finer copies in which an end of the run is refined.
 const BAND: usize = 16;
-/// Fewest bands of an end, and one in how many of all.
+/// Fewest bands for an end, and one in how many of all.
 const BANDS: (usize, usize) = (2, 6);
-/// Of the disparities on the other side of zero, the share of one in this many is tried.
+/// Of the disparities on the other side of zero, one in this many is tried.
 const OTHER_SIDE: isize = 4;
-/// Longest run, pixels of the copy, of an image and its copy with noise.
+/// Longest run, pixels of the copy, between an image and its copy with noise.
 const NARROW: isize = 8;
 /// Tiles on each side of an image.
 const TILES: usize = 4;
-/// Shifts, pixels of the copy, that are none.
+/// Shifts, pixels of the copy, that count as none.
 const SHIFT: f64 = 0.05;
 /// Share of the disparities that is left out at either end of those of the fine copies.
 const FARTHEST: f64 = 0.0005;
@@ -92,19 +91,19 @@ pub struct SearchRange {
     pub low: f64,
     /// Largest disparity found, pixels.
     pub high: f64,
-    /// Whether nearly all disparities are negative, most of them clearly, as when the images are swapped,
-    /// cropped, or of toed-in cameras.
+    /// Whether nearly all disparities are negative, most of them clearly, as for swapped or cropped images
+    /// and toed-in cameras.
     pub negative: bool,
-    /// Whether many disparities of either sign are clearly not zero, as with toed-in cameras.
+    /// Whether many disparities of either sign are clearly not zero, as for toed-in cameras.
     pub mixed: bool,
-    /// What the images show of the order of the cameras.
+    /// The evidence in the images about the order of the cameras.
     pub shown: Signs,
     /// Whether both images are the same, up to noise.
     pub identical: bool,
 }
 
 impl SearchRange {
-    /// Whether left and right are swapped: all disparities are negative, and the scene shows it, too.
+    /// Whether left and right are swapped: all disparities are negative, and the scene confirms it.
     pub fn is_swapped(&self) -> bool {
         self.negative && self.is_exchanged()
     }
@@ -122,7 +121,7 @@ impl SearchRange {
     }
 }
 
-/// A place whose disparities are not searched, although something seems to be there; pixels of the whole
+/// A place whose disparities are not searched, although an object seems to be there; pixels of the full
 /// image.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LeftOut {
@@ -130,13 +129,13 @@ pub struct LeftOut {
     pub rows: Range<usize>,
     /// Its columns.
     pub columns: Range<usize>,
-    /// The least disparity there.
+    /// The smallest disparity there.
     pub low: f64,
     /// The largest one.
     pub high: f64,
 }
 
-/// The range of a pair, and what it leaves out.
+/// The range of a pair, and the places that it leaves out.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FoundRange {
     /// The range.
@@ -145,8 +144,8 @@ pub struct FoundRange {
     pub left_out: Vec<LeftOut>,
 }
 
-/// Copies of a pair: the finest, on which the smallest things are found, those on which the ends of the range
-/// are, and the overview.
+/// Copies of a pair: the finest, on which the smallest objects are found, those on which the ends of the
+/// range are found, and the overview.
 #[derive(Clone, Copy)]
 pub struct Copies<'a> {
     /// The finest ones.
@@ -157,7 +156,7 @@ pub struct Copies<'a> {
     pub overview: &'a Overview,
 }
 
-/// What is known of the ends of a range, pixels.
+/// The known facts about the ends of a range, pixels.
 struct Ends {
     low: f64,
     high: f64,
@@ -168,10 +167,10 @@ struct Ends {
     identical: bool,
 }
 
-/// The range of a rough match of the overview; `None` where there is too little texture or too little in
+/// The range from a rough match of the overview; `None` if there is too little texture or too little in
 /// common.
 pub fn range(copies: Copies, map: &RoughMap, runtime: Runtime) -> Result<Option<FoundRange>> {
-    // Texture that repeats itself matches badly, but its periods are seen.
+    // Repeating texture matches badly, but its periods are seen.
     let fine = copies.fine;
     let periods = periods(fine, map.field.as_ref(), runtime)?;
     let run = extent(map).filter(|_| map.confidence >= LEAST_CONFIDENCE);
@@ -193,7 +192,7 @@ pub fn range(copies: Copies, map: &RoughMap, runtime: Runtime) -> Result<Option<
     let (start, end) = with_margin(low, high, factor as f64);
     let overview = copies.overview;
     let width = overview.planes[0].cols() * overview.factor;
-    // Of texture that repeats itself, the sign is not known.
+    // The sign of repeating texture is unknown.
     let (negative, mixed) = if periods.is_some() { (false, false) } else { signs(map) };
     let shown = Signs::new(overview, map);
     let count = (end - start + 1).min(width as i64);
@@ -204,13 +203,13 @@ pub fn range(copies: Copies, map: &RoughMap, runtime: Runtime) -> Result<Option<
 }
 
 impl Ends {
-    /// Those of a span of disparities of copies.
+    /// The ends of a span of disparities of copies.
     fn of_span(span: Span, factor: usize) -> Self {
         let (low, high) = LeftOut::ends(span, factor);
         Self { low, high, factor, places: vec![], identical: false }
     }
 
-    /// Those of the run of a rough match of the overview, on finer copies, if these match.
+    /// The ends of the run of a rough match of the overview, on finer copies if these match.
     fn of_run(copies: Copies, map: &RoughMap, known: Span, runtime: Runtime) -> Result<Self> {
         let Copies { finest, fine, overview } = copies;
         let mut used = fine;
@@ -228,7 +227,7 @@ impl Ends {
 
         let [mut low, mut high] = ends(&found, run);
         if found.confidence < LEAST_FINE {
-            // They hide what the rough match was sure of.
+            // They hide disparities that the rough match was sure of.
             (low, high) = (low.min((run.0 + LOST) as f64), high.max((run.1 - LOST) as f64));
         }
         let factor = used.factor as f64;
@@ -240,8 +239,8 @@ impl Ends {
     }
 }
 
-/// The run of a rough map of the overview as its ends are on finer copies, and a match of these where the
-/// ends are.
+/// The run of a rough map of the overview, with its ends refined on finer copies, and a match of these at the
+/// ends.
 fn refined(
     copies: &Overview,
     overview: &Overview,
@@ -258,7 +257,7 @@ fn refined(
     let bands = copies.bands(&bands, map.field.as_ref(), runtime.control)?;
     let fine = bands.matched(around, None, FINE, runtime)?;
 
-    // Each end is the outermost of the disparities about it that has enough matches.
+    // Each end is the outermost disparity near it that has enough matches.
     let mut counts = vec![0usize; (around.1 - around.0 + 1) as usize];
     for value in known(&fine) {
         let at = value.round_ties_even() as isize - around.0;
@@ -283,7 +282,7 @@ pub fn bands_at_ends(map: &RoughMap, (first, last): Span, height: usize) -> Vec<
         (0..rows).step_by(height).map(|top| top..(top + height).min(rows)).collect();
     let wanted = (bands.len() / BANDS.1).max(BANDS.0);
 
-    // Of a floor or a slope, the border shows the ends.
+    // The border shows the ends of a floor or a slope.
     let mut chosen = vec![0, bands.len() - 1];
     for end in [first, last] {
         let is_there = |value: &&f32| (**value - end as f32).abs() < 0.5;
@@ -314,7 +313,7 @@ pub fn signs(map: &RoughMap) -> (bool, bool) {
     (negative, mixed)
 }
 
-/// What known disparities leave out, as far as the overview shows it.
+/// The places that known disparities leave out, as far as the overview shows.
 pub fn left_out(
     overview: &Overview,
     map: &RoughMap,
@@ -327,24 +326,24 @@ pub fn left_out(
     Ok(beyond(places, candidates))
 }
 
-/// Where to look for what has entered a video.
+/// Where to search for objects that have entered a video.
 #[derive(Debug, Clone, Copy)]
 pub struct Asked<'a> {
-    /// The number of the frame: some rows of squares are looked at in turns, ...
+    /// The number of the frame: some rows of squares are examined in turns, ...
     pub turn: usize,
     /// ... those that have changed in each; squares of [`BLOCK`] pixels of the fine copies.
     pub changed: Option<&'a Plane<bool>>,
 }
 
 impl Asked<'_> {
-    /// Whether it is the turn of a row of squares.
+    /// Whether a row of squares has its turn.
     fn is_in_turn(self, row: usize) -> bool {
         let turns = TURNS[usize::from(self.changed.is_none())];
         // After all turns, others are neighbors.
         (row + self.turn / turns) / TURN_ROWS % turns == self.turn % turns
     }
 
-    /// The bands of rows of squares that are looked at.
+    /// The bands of rows of squares to examine.
     fn bands(self, rows: usize) -> Vec<Range<usize>> {
         let is_one = |row: &usize| {
             self.is_in_turn(*row) || self.changed.is_some_and(|all| all.row(*row).contains(&true))
@@ -360,7 +359,8 @@ impl Asked<'_> {
     }
 }
 
-/// The places that match beyond the candidates of a map, of those asked for: what has entered a video.
+/// The places, among those asked for, that match beyond the candidates of a map: objects that have entered a
+/// video.
 pub fn entered(
     pair: &Pair,
     map: &Plane<f32>,
@@ -402,7 +402,7 @@ pub fn entered(
 
 /// The places outside a run of the copies that belong to the range, on all coarser copies, which withstand
 /// noise. `map` is the rough match of the overview. On copies finer than the overview, only nearer places are
-/// looked for: what is farther than a run is not small.
+/// searched: anything farther than a run is not small.
 fn outside(
     copies: &Overview,
     overview: &Overview,
@@ -423,13 +423,13 @@ fn outside(
     Ok(places)
 }
 
-/// A run of disparities of copies as it is on copies of another factor.
+/// A run of disparities of copies, converted to copies of another factor.
 fn scaled((low, high): Span, from: usize, to: usize) -> Span {
     let (from, to) = (from as isize, to as isize);
     ((low * from).div_euclid(to), ((high + 1) * from - 1).div_euclid(to))
 }
 
-/// The places outside a run of the finest copies that these alone show.
+/// The places outside a run that only the finest copies show.
 fn small_places(
     Copies { finest, fine, overview }: Copies,
     run: Span,
@@ -441,8 +441,8 @@ fn small_places(
     certain(found, finest.factor, run, || Ok(is_blocky(finest)))
 }
 
-/// The disparities that are tried beside a run: all that are nearer, and, unless the copies are finer than
-/// the overview, as far on the other side of zero as cameras that are not quite parallel see.
+/// The disparities to try beside a run: all nearer ones, and, unless the copies are finer than the overview,
+/// as far on the other side of zero as cameras see that are slightly off parallel.
 pub fn reach(copies: &Overview, run: Span, is_finer: bool) -> Span {
     let (lowest, highest) = copies.widest();
     if run.0 + run.1 >= 0 {
@@ -466,8 +466,8 @@ fn places_of(
     Ok(found.iter().map(|area| LeftOut::new(area, copies.factor)).collect())
 }
 
-/// Whether an area is seen from the right image, too, and explained so much better outside a run, or next to
-/// its near side.
+/// Whether the right image confirms an area, and disparities outside a run, or next to its near side, explain
+/// it so much better.
 pub fn belongs(area: &Area, run: Span) -> bool {
     let step = (BESIDE.1 * (run.1 - run.0) as f64) as isize;
     let is_beside = if run.0 + run.1 >= 0 {
@@ -480,8 +480,8 @@ pub fn belongs(area: &Area, run: Span) -> bool {
     is_seen(area) && area.gain >= least
 }
 
-/// The places of those areas of the finest copies that are certain. Blocks of lossy compression match each
-/// other, whatever they show, where their borders do.
+/// The places of the areas of the finest copies that are certain. Blocks of lossy compression match each
+/// other where their borders do, whatever they show.
 fn certain(
     mut found: Vec<Area>,
     factor: usize,
@@ -527,7 +527,7 @@ fn is_blocky(finest: &Overview) -> bool {
     border > BLOCKY * steps[side / 2]
 }
 
-/// Whether most of an area is found again from the right image.
+/// Whether the right image confirms most of an area.
 fn is_seen(area: &Area) -> bool {
     10 * area.seen >= 7 * area.size
 }
@@ -550,13 +550,13 @@ impl LeftOut {
         Self { rows: whole(&area.rows), columns: whole(&area.columns), low, high }
     }
 
-    /// The ends of disparities of a copy, with half a pixel of it beyond either.
+    /// The ends of disparities of a copy, extended by half a pixel of it on either side.
     fn ends((low, high): Span, factor: usize) -> (f64, f64) {
         ((low as f64 - 0.5) * factor as f64, (high as f64 + 0.5) * factor as f64)
     }
 }
 
-/// Whether both images are the same up to noise: nowhere do they differ as if one was shifted.
+/// Whether both images are the same up to noise: nowhere do they differ as if one were shifted.
 ///
 /// In each of some tiles, the difference is regressed on the slope of the gray values along both axes: the
 /// coefficients are shifts.
@@ -587,7 +587,7 @@ pub fn is_identical(copies: &Overview) -> bool {
     })
 }
 
-/// The ends of the disparities of a run, without the few that lie farthest out.
+/// The ends of the disparities of a run, without the few outermost ones.
 pub fn ends(map: &RoughMap, run: Span) -> [f64; 2] {
     let (first, last) = (run.0 as f32 - 0.5, run.1 as f32 + 0.5);
     let mut values: Vec<f32> = known(map).filter(|value| (first..=last).contains(value)).collect();
@@ -606,7 +606,7 @@ fn known(map: &RoughMap) -> impl Iterator<Item = f32> {
 
 impl Overview {
     /// Matches the reduced images, the right one resampled by the field. If the disparities are unknown, all
-    /// are tried on still smaller copies, and here only those that were found there, and some around them.
+    /// are tried on still smaller copies, and here only those found there, and some around them.
     pub fn rough(
         &self,
         candidates: Option<Candidates>,
@@ -620,7 +620,7 @@ impl Overview {
         // Coarse to fine: a wide search on few pixels, then a narrow one on more.
         let coarse = self.reduced(COARSE_WIDTH, runtime)?;
         let map = coarse.matched(coarse.widest(), field, ROUGH, runtime)?;
-        // A quarter of the range on either side makes up for what the smaller copies do not show.
+        // A quarter of the range on either side covers what the smaller copies miss.
         let (low, high) = extent(&map).unwrap_or_else(|| coarse.widest());
         let around = ((high - low) / 4).max(2);
         let finer = (coarse.factor / self.factor) as isize;
@@ -628,7 +628,7 @@ impl Overview {
     }
 }
 
-/// The least and the largest disparity, without mistakes.
+/// The smallest and the largest disparity, without mistakes.
 pub fn extent(map: &RoughMap) -> Option<(isize, isize)> {
     let whole = |value: f32| value.round_ties_even() as isize;
     let lowest = whole(known(map).reduce(f32::min)?);
@@ -640,7 +640,7 @@ pub fn extent(map: &RoughMap) -> Option<(isize, isize)> {
 
     let (mut first, mut last) = shortest(&counts, (CORE * total as f64).ceil() as usize);
 
-    // The range grows as long as disparities within a step of its ends have enough matches.
+    // The range grows while disparities within a step of its ends have enough matches.
     let is_likely = |count: usize| count as f64 >= (FEW * total as f64).max(2.0);
     loop {
         let step = ((NEXT * (last - first) as f64).round() as usize).max(2);
@@ -663,7 +663,7 @@ fn shortest(counts: &[usize], enough: usize) -> (usize, usize) {
     let mut best = (0, counts.len() - 1);
     let (mut start, mut sum) = (0, 0);
 
-    // Each end has one best start, which moves only to the right: linear time.
+    // Each end has one best start, which only moves to the right: linear time.
     for (end, count) in counts.iter().enumerate() {
         sum += count;
 
@@ -683,15 +683,15 @@ fn shortest(counts: &[usize], enough: usize) -> (usize, usize) {
 /// The first and the last disparity to search, with a margin around those from low to high.
 ///
 /// A range on one side of zero stays there, and begins at zero unless that would more than double it.
-/// Searching more than there is costs time but no accuracy; searching less costs both.
+/// Searching too much costs time but no accuracy; searching too little costs both.
 fn with_margin(low: f64, high: f64, factor: f64) -> (i64, i64) {
     let margin = 1.0 + MARGIN * (high - low) + COARSE * factor;
     let start = (low - margin).floor() as i64;
     let end = (high + margin).ceil() as i64;
     let length = end - start;
 
-    // Ends that are this much on one side of zero are not across it by mistake. The candidate 0 stands for
-    // half a pixel on either side: in a long range an end that is not farther away is most often a mistake.
+    // Ends that are this far on one side of zero are not there by mistake. The candidate 0 stands for half a
+    // pixel on either side: in a long range, an end no farther away is most often a mistake.
     let clear = if high - low > LONG { -0.5 } else { factor / 4.0 };
     if low + high > 0.0 {
         let start = if low >= clear && start <= length { 0 } else { start };

@@ -3,28 +3,28 @@
 //! ```text
 //! c(x, y) = c0 + g . (x, y) + (x, y)' H (x, y) / 2      # g, H: central differences of the nine
 //! (x, y) = -H^-1 g                                      # a step of Newton's method
-//! curvature of y where x is free to follow = -det H / H_xx;   of x: -det H / H_yy
+//! curvature of y with x free to follow = -det H / H_xx;   of x: -det H / H_yy
 //! covariance of (x, y) = noise (-H)^-1                  # so the curvature is noise over the variance
 //! ```
 
-/// Least determinant of a peak: with less, there is no peak along one direction, as along an edge.
+/// Least determinant of a peak: below it, there is no peak along one direction, as along an edge.
 const LEAST_DETERMINANT: f64 = 1e-9;
-/// The noise of correlations is what they lack to this. A little more than 1 keeps the precision finite.
+/// The noise of correlations is this minus their value. A little more than 1 keeps the precision finite.
 const PERFECT: f64 = 1.02;
 
-/// The peak of nine correlations, of which the middle one is the largest.
+/// The peak of nine correlations, the middle one of which is the largest.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Peak {
     /// Columns and rows from the middle, each less than one.
     pub offset: [f64; 2],
-    /// The curvature along columns and along rows, where the other is free to follow.
+    /// The curvature along columns and along rows, with the other free to follow.
     pub curvature: [f64; 2],
     /// The correlation in the middle.
     correlation: f64,
 }
 
 impl Peak {
-    /// The peak of nine correlations, row after row; `None` where they have none nearby.
+    /// The peak of nine correlations, row after row; `None` if they have none nearby.
     pub fn new(nine: [f64; 9]) -> Option<Self> {
         let [above, middle, below] = [0, 3, 6].map(|row| [0, 1, 2].map(|col| nine[row + col]));
         let correlation = middle[1];

@@ -1,13 +1,13 @@
 //! How the rows of a pair correspond: a smooth field of vertical offsets, fitted to blocks that were found in
-//! both images, and beside it a spline of the row where rows sway, as those of a rolling shutter that shakes.
+//! both images, plus a spline of the row if rows sway, like those of a shaking rolling shutter.
 //!
-//! Blocks mislead where the images do not show the same, at jumps in depth above all, so the fit is robust
-//! ([`robust`]). Blocks are followed from the reduced copies, which withstand blur and noise, to the whole
-//! images, which are exact; the fit with the least standard error is kept. The field is linear unless
+//! Blocks mislead where the images do not show the same things, above all at jumps in depth, so the fit is
+//! robust ([`robust`]). Blocks are followed from the reduced copies, which withstand blur and noise, to the
+//! full images, which are exact; the fit with the smallest standard error is kept. The field is linear unless
 //! keystone and distortion explain much more.
 //!
-//! Where the residuals of the smooth field give evidence of a spline, it is fitted along with the field, and
-//! kept if there is much evidence then. The blocks that determine a smooth field are too few for a spline,
+//! If the residuals of the smooth field give evidence of a spline, it is fitted along with the field, and
+//! kept if there is then much evidence. The blocks that determine a smooth field are too few for a spline,
 //! and those that were followed from copies do not reach the borders: so both are fitted once more to four
 //! times as many blocks.
 
@@ -34,30 +34,30 @@ const LEAST_BLOCKS: usize = 24;
 const ENOUGH_BLOCKS: usize = 60;
 /// Fields with a larger standard error, pixels, are not used.
 const LARGEST_ERROR: f64 = 0.5;
-/// Times that the rough match is repeated with the last field; rows that were far off come nearer each time.
+/// Times that the rough match is repeated with the last field; rows that were far off come closer each time.
 const ROUNDS: usize = 3;
 /// Vertical offsets, in rows of the copy, that a rough match withstands.
 const TOLERATED: f64 = 0.4;
-/// ... and those with which it is about the same: confidences of 36 pairs with rows up to 1 px off change by
-/// 0.002 on average, and by 0.006 at most.
+/// ... and those that hardly change it: confidences of 36 pairs with rows up to 1 px off change by 0.002 on
+/// average, and by 0.006 at most.
 const HARDLY: f64 = 0.25;
 /// All terms are used if their field differs from the linear one by this many standard errors,
 const RICHER: f64 = 2.0;
 /// ... each of which is at least this many pixels.
 const LEAST_RICHER: f64 = 0.02;
-/// Error that no averaging over blocks removes, as a share of a pixel of the copy.
+/// Error that averaging over blocks does not remove, as a share of a pixel of the copy.
 const BIAS: f64 = 0.02;
-/// Evidence in the residuals of a smooth field from which on a spline of the row is fitted, too: of 60 pairs
-/// of 12 scenes whose rows do not sway, sharp, with noise, compressed, turned and with keystone, up to 1.0;
-/// 55 of them have less.
+/// Least evidence in the residuals of a smooth field for which a spline of the row is fitted, too: in 60
+/// pairs of 12 scenes without swaying rows, sharp, with noise, compressed, turned and with keystone, up to
+/// 1.0; 55 of them have less.
 pub const SUSPICION: f64 = 0.5;
 /// Offsets below this, pixels root mean square, are ignored: on 12 aligned scenes up to 0.05 are found.
 const LEAST_RMS: f64 = 0.12;
 /// ... and so are offsets of fewer standard errors than this.
 const LEAST_ERRORS: f64 = 2.0;
 
-/// Lens distortion is named from this many pixels on, and this many standard errors: of 10 pairs without any
-/// up to 2.6.
+/// Lens distortion is reported at this many pixels or more, and this many standard errors: in 10 pairs
+/// without any, up to 2.6.
 pub const DISTORTED: (f64, f64) = (2.0, 3.0);
 
 /// The vertical offsets of a pair.
@@ -77,8 +77,8 @@ pub struct RowOffsets {
 }
 
 impl RowOffsets {
-    /// The largest offset at a border by the terms that lens distortion alone has, pixels, if it is large and
-    /// clearly larger than its own error.
+    /// The largest offset at a border due to the terms that only lens distortion has, pixels, if it is large
+    /// and clearly larger than its own error.
     pub fn distortion(&self) -> Option<f64> {
         let terms = &self.field.coefficients()[CUBIC..];
         let most = terms.iter().fold(0.0f64, |most, value| most.max(value.abs()));
@@ -92,14 +92,14 @@ impl RowOffsets {
     }
 }
 
-/// What is found out about the rows of a pair.
+/// The results about the rows of a pair.
 pub struct FoundRows {
-    /// The offsets; `None` where there is too little texture or too little in common.
+    /// The offsets; `None` if there is too little texture or too little in common.
     pub offsets: Option<RowOffsets>,
-    /// How far apart rows stay by the best field, known well enough or not: its standard error and the spread
-    /// of the blocks from it, pixels. Infinite without one.
+    /// The row differences that the best field leaves, reliable or not: its standard error and the spread of
+    /// the blocks around it, pixels. Infinite without one.
     pub apart: f64,
-    /// The last rough match on the way to them, if there was another one.
+    /// The last rough match on the way, if there was another one.
     pub map: Option<RoughMap>,
 }
 
@@ -145,7 +145,7 @@ fn best(fits: Vec<RowOffsets>) -> Option<RowOffsets> {
     fits.into_iter().min_by(|a, b| typical(a).total_cmp(&typical(b)))
 }
 
-/// The standard error at the typical row: a spline is not known at the borders before blocks reach them.
+/// The standard error at the typical row: a spline is unknown at the borders before blocks reach them.
 fn typical(fit: &RowOffsets) -> f64 {
     match fit.field.sway() {
         Some(_) => median(fit.errors).unwrap_or(fit.error),
@@ -153,8 +153,8 @@ fn typical(fit: &RowOffsets) -> f64 {
     }
 }
 
-/// The field with a spline of the row once more, from four times as many blocks, up to the borders: a spline
-/// has many factors. Where a field is known, blocks are found in the whole images at once.
+/// Fits the field and the spline of the row once more, to four times as many blocks, up to the borders: a
+/// spline has many factors. With a known field, blocks are found in the full images at once.
 fn denser(
     rows: &PairRows,
     overview: &Overview,
@@ -192,8 +192,8 @@ struct Spaced {
     factor: usize,
     /// Their distance, pixels of the whole image.
     distance: usize,
-    /// The largest number of them that were found in any copies. Where only few are found again, as in a
-    /// blurred image, these may be there by chance: the error grows by as much.
+    /// The largest number of them found in any copies. If only few are found again, as in a blurred image,
+    /// these may be chance: the error grows in proportion.
     most: usize,
 }
 
@@ -225,7 +225,7 @@ pub fn is_straight(overview: &Overview, map: &RoughMap, field: &Alignment) -> bo
     difference(field, map.field.as_ref()) < HARDLY * overview.factor as f64
 }
 
-/// The field in the reduced copies, and the blocks that it was fitted to. Further rough matches go into
+/// The field in the reduced copies, and the blocks that it was fitted to. Further rough matches are stored in
 /// `map`.
 fn first(
     rows: &PairRows,
@@ -265,14 +265,14 @@ fn first(
     Ok(best)
 }
 
-/// Distance of neighboring blocks, pixels of the whole image, so that about [`BLOCKS`] cover it.
+/// Distance of neighboring blocks, pixels of the full image, so that about [`BLOCKS`] cover it.
 fn spacing(overview: &Overview) -> usize {
     let size = overview.planes[0].as_slice().len();
 
     (((size / BLOCKS) as f64).sqrt() as usize).max(1) * overview.factor
 }
 
-/// Blocks all over the image, this many pixels of it apart, wherever the disparity is known.
+/// Blocks all over the image, this many of its pixels apart, wherever the disparity is known.
 fn seeds(overview: &Overview, map: &RoughMap, field: Option<&Alignment>, distance: usize) -> Vec<Seed> {
     let factor = overview.factor;
     let step = distance / factor;
@@ -313,7 +313,7 @@ fn fitted(
     let points: Vec<Equation> =
         tracks.iter().map(|track| Equation::of_track(track, (rows, cols), factor)).collect();
 
-    // Overlapping blocks do not err independently, so there are fewer independent points than blocks.
+    // Errors of overlapping blocks are not independent, so there are fewer independent points than blocks.
     let overlap = ((BLOCK * factor) as f64 / distance as f64).max(1.0);
     let excess = overlap * most as f64 / points.len() as f64;
     let fit = fit(&points, excess)?;
@@ -333,14 +333,14 @@ fn fitted(
     })
 }
 
-/// The field with the fewest terms that suffice, and with a spline of the row where there is evidence of one.
+/// The field with the fewest sufficient terms, and with a spline of the row if there is evidence of one.
 fn fit(points: &[Equation], excess: f64) -> Option<RobustFit> {
     let (model, smooth) = smooth(points, excess, false)?;
     if points.len() < ENOUGH_BLOCKS || model.evidence(points, &smooth) < SUSPICION {
         return Some(smooth);
     }
 
-    // What a spline explains needs no terms of higher degree.
+    // Offsets that a spline explains do not need terms of higher degree.
     let Some((model, swaying)) = self::smooth(points, excess, true) else { return Some(smooth) };
     let is_sure = model.evidence(points, &swaying) >= SUFFICIENT;
     Some(if is_sure { swaying } else { smooth })

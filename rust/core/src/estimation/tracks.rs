@@ -1,13 +1,12 @@
-//! Blocks of the left image that are found again in the right one, in both directions, with sub-pixel
-//! precision.
+//! Blocks of the left image that are located in the right one, in both directions, with sub-pixel precision.
 //!
-//! A block of the left image is correlated with the nine right ones about its expected place, then with those
-//! about the best of the nine, until the best is the middle one. The peak of the nine gives the fractions
-//! ([`Peak`]).
+//! A block of the left image is correlated with the nine right ones around its expected place, then with
+//! those around the best of the nine, until the best is the middle one. The peak of the nine gives the
+//! fractions ([`Peak`]).
 //!
 //! ```text
-//! c(dx, dy) = sum l(x, y) r(x + dx, y + dy) / sqrt(sum l^2 sum r^2)     both less their means, after a 5 x 5 binomial
-//! (dx, dy) += offset of the largest c of the nine, while that is not the middle
+//! c(dx, dy) = sum l(x, y) r(x + dx, y + dy) / sqrt(sum l^2 sum r^2)  less means, after a 5 x 5 binomial
+//! (dx, dy) += offset of the largest c of the nine, until that is the middle
 //! ```
 
 use std::array::from_fn;
@@ -34,11 +33,11 @@ const SEARCH: usize = 4;
 const AREA: usize = BLOCK + 2 * SEARCH;
 /// Pixels that the binomial filter reads on either side.
 const SMOOTH: usize = 2;
-/// Least correlation of blocks that show the same.
+/// Least correlation of blocks that show the same thing.
 const LEAST_CORRELATION: f32 = 0.5;
 
-/// The expected place of a block: its center in the left image, and the offset to that in the right one,
-/// pixels of the whole images.
+/// The expected place of a block: its center in the left image, and the offset to the center in the right
+/// one, pixels of the full images.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Seed {
     /// Column of the center.
@@ -56,17 +55,17 @@ pub struct Seed {
 pub struct Track {
     /// Its place in both images, with sub-pixel precision.
     pub place: Seed,
-    /// Inverse variance of `dy`, of arbitrary scale: how well the correlation fixes it.
+    /// Inverse variance of `dy`, of arbitrary scale: how precisely the correlation determines it.
     pub weight: f64,
 }
 
-/// A smoothed part of an image, less its mean.
+/// A smoothed part of an image, minus its mean.
 struct Patch<const SIDE: usize> {
     values: [[f32; SIDE]; SIDE],
 }
 
-/// Searches every block about its expected place, in copies of the images that are reduced by a factor, and
-/// leaves out those that are not found. The seeds are in the order of their rows.
+/// Searches every block around its expected place, in copies of the images reduced by a factor, and leaves
+/// out those that are not found. The seeds are in the order of their rows.
 pub fn follow(
     rows: &PairRows,
     overview: &Overview,
@@ -101,7 +100,7 @@ pub fn follow(
     Ok(found)
 }
 
-/// The same in a part of the pair as it is, which has the rows that all of these blocks are looked for in.
+/// The same in an unreduced part of the pair that contains the rows in which all these blocks are searched.
 pub fn follow_here(part: &Part, seeds: &[Seed], level: Level) -> Vec<Track> {
     let planes = part.grays.each_ref().map(Cow::Borrowed);
     let copies = ReducedPair { planes, factor: 1, first: part.first as isize };
@@ -114,12 +113,12 @@ pub fn follow_here(part: &Part, seeds: &[Seed], level: Level) -> Vec<Track> {
 struct ReducedPair<'a> {
     planes: [Cow<'a, Plane<f32>>; 2],
     factor: usize,
-    /// The row of the whole copies that is the first here.
+    /// The row of the whole copies that is the first one here.
     first: isize,
 }
 
 impl<'a> ReducedPair<'a> {
-    /// The copies of a part; those of the overview where it has this factor.
+    /// The copies of a part; those of the overview if it has this factor.
     fn new(part: &'a Part, overview: &'a Overview, factor: usize, runtime: Runtime) -> Result<Self> {
         if factor == overview.factor {
             let planes = overview.planes.each_ref().map(Cow::Borrowed);
@@ -139,7 +138,7 @@ impl<'a> ReducedPair<'a> {
     }
 }
 
-/// The row or column of a copy that contains a place of the whole image.
+/// The row or column of a copy that contains a place of the full image.
 fn in_copy(place: f64, factor: usize) -> isize {
     ((place + 0.5) / factor as f64).floor() as isize
 }
@@ -175,7 +174,7 @@ fn track(copies: &ReducedPair, part: &Part, seed: &Seed, level: Level) -> Option
 /// Whether most pixels of a block are valid.
 fn is_valid(part: &Part, (x, y): (isize, isize), factor: usize, side: usize) -> bool {
     let span = |at: isize, length: usize| {
-        // The pixels of the image under the block, cut at the border.
+        // The pixels of the image under the block, clipped at the border.
         let half = (BLOCK / 2) as isize;
         let end = |at: isize| (at * factor as isize).clamp(0, length as isize) as usize;
         end(at - half)..end(at + half)
@@ -186,7 +185,7 @@ fn is_valid(part: &Part, (x, y): (isize, isize), factor: usize, side: usize) -> 
     is_mostly_valid(view, span(y, rows), span(x, cols))
 }
 
-/// Cuts a smoothed part about a place; `None` where it would leave the image.
+/// Cuts out a smoothed part around a place; `None` if it would leave the image.
 struct CutPatch<'a, const SIDE: usize> {
     image: &'a Plane<f32>,
     x: isize,
@@ -243,7 +242,7 @@ fn binomial(values: [f32; 2 * SMOOTH + 1]) -> f32 {
     0.0625 * (values[0] + values[4]) + 0.25 * (values[1] + values[3]) + 0.375 * values[2]
 }
 
-/// Hill climbing from the middle of the searched part to the largest correlation.
+/// Climbs from the middle of the searched part to the largest correlation.
 #[leveled]
 fn climb(level: Level, block: &Patch<BLOCK>, area: &Patch<AREA>) -> Option<([f64; 2], f64)> {
     let mut squares = [0.0f32; BLOCK];
@@ -254,7 +253,7 @@ fn climb(level: Level, block: &Patch<BLOCK>, area: &Patch<AREA>) -> Option<([f64
     }
 
     let energy = total(squares);
-    // Steps overlap, so correlations are remembered.
+    // Steps overlap, so correlations are cached.
     let mut known = [[f32::NAN; 2 * SEARCH + 1]; 2 * SEARCH + 1];
     let (mut x, mut y) = (SEARCH, SEARCH);
 
@@ -267,7 +266,7 @@ fn climb(level: Level, block: &Patch<BLOCK>, area: &Patch<AREA>) -> Option<([f64
             }
             *value = known[y][x];
         }
-        // Of equal ones, the middle: then the climb ends.
+        // The middle among equal ones: then the climb ends.
         let best = (0..9).fold(4, |best, at| if nine[at] > nine[best] { at } else { best });
         if best == 4 {
             if nine[4] <= LEAST_CORRELATION {
@@ -305,7 +304,7 @@ fn total<const COUNT: usize>(lanes: [f32; COUNT]) -> f32 {
     (four[0] + four[2]) + (four[1] + four[3])
 }
 
-/// The normalized correlation of a block with that of the searched part that begins at `(x, y)`.
+/// The normalized correlation of a block with the block of the searched part that begins at `(x, y)`.
 #[inline(always)]
 fn correlation(block: &Patch<BLOCK>, area: &Patch<AREA>, energy: f32, x: usize, y: usize) -> f32 {
     let (mut products, mut squares, mut sums) = ([0.0f32; BLOCK], [0.0f32; BLOCK], [0.0f32; BLOCK]);
@@ -319,7 +318,7 @@ fn correlation(block: &Patch<BLOCK>, area: &Patch<AREA>, energy: f32, x: usize, 
     }
 
     let (product, square, sum) = (total(products), total(squares), total(sums));
-    // The block has no mean, so the product needs none subtracted; the squares of the right one do.
+    // The block has zero mean, so the product needs no subtraction; the squares of the right one do.
     let norm = energy * (square - sum * sum / (BLOCK * BLOCK) as f32);
     if norm > f32::MIN_POSITIVE { product / norm.sqrt() } else { 0.0 }
 }

@@ -1,4 +1,4 @@
-//! The bank: candidate blurs, by which image is the softer one and by the point-spread function.
+//! The bank: candidate blurs, by softer image and point-spread function.
 
 use std::sync::OnceLock;
 
@@ -42,8 +42,7 @@ pub fn bank() -> &'static [Entry] {
     })
 }
 
-/// A few entries of the bank. A blur that explains blocks better than these would be explained better by one
-/// of them, too, if by less.
+/// A few entries of the bank. If some other blur explains blocks better, one of these does, too, if by less.
 pub fn probes() -> &'static [&'static Entry] {
     static PROBES: OnceLock<Vec<&Entry>> = OnceLock::new();
     PROBES.get_or_init(|| {

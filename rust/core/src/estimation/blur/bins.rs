@@ -14,21 +14,21 @@ pub const FLOAT_LANES: usize = 16;
 /// A group of values.
 pub type FloatLanes = [f32; FLOAT_LANES];
 
-/// Below this frequency cells are small, cycles per block.
+/// Below this frequency, cycles per block, cells are small.
 const COARSE_FROM: isize = 16;
 /// Below this frequency, cycles per block, the spectrum of the window covers that of the image.
 const LOWEST: f64 = 1.2;
 /// Up to this frequency, cycles per block, a blur leaves enough power to estimate the gain.
 const LOW: f64 = 5.0;
-/// From this frequency on, cycles per block, there is little but noise, at least in some directions.
+/// Above this frequency, cycles per block, there is little but noise, at least in some directions.
 const HIGH: f64 = 0.35 * SIDE as f64;
 /// Directions in which the noise is measured.
 const SECTORS: usize = 8;
 
-/// Directions in which a glance compares the blur.
+/// Directions in which a quick comparison checks the blur.
 pub const DIRECTIONS: usize = 4;
 
-/// Bins of half the frequency plane (the other half mirrors it), by rising frequency.
+/// Bins of half the frequency plane (the other half mirrors it), by increasing frequency.
 #[derive(Debug)]
 pub struct Bins {
     /// The coefficients in each bin, at `kx * SIDE / 2 + ky`.
@@ -62,7 +62,7 @@ impl Bins {
         }
 
         let mut cells: Vec<Vec<usize>> = cells.into_values().collect();
-        // The bits of positive numbers have their order.
+        // The bits of positive numbers sort like the numbers.
         cells.sort_by_cached_key(|cell| mean_frequency(cell).to_bits());
         // Empty bins at the end fill the last group.
         let count = cells.len().next_multiple_of(FLOAT_LANES);
@@ -98,7 +98,7 @@ impl Bins {
         bins
     }
 
-    /// Number of bins, a multiple of [`FLOAT_LANES`]; the last ones may be empty and have no weight then.
+    /// Number of bins, a multiple of [`FLOAT_LANES`]; the last ones may be empty and then have no weight.
     pub fn count(&self) -> usize {
         self.weights.len()
     }
@@ -111,8 +111,8 @@ impl Bins {
         self.members.iter().map(of_bin).collect()
     }
 
-    /// The least mean power at high frequencies in any direction: a motion leaves the perpendicular direction
-    /// unchanged, so the quietest direction has the noise.
+    /// The smallest mean power at high frequencies in any direction: a motion leaves the perpendicular
+    /// direction unchanged, so the quietest direction shows the noise.
     pub fn least_high(&self, powers: &[f32]) -> f32 {
         let means = self.sectors.iter().map(|members| mean(powers, members));
         means.fold(f32::INFINITY, f32::min)
@@ -131,7 +131,7 @@ fn mean(powers: &[f32], members: &[u16]) -> f32 {
     sum / members.len() as f32
 }
 
-/// The sum of all lanes, by halves: a chain of additions would take as long as all else.
+/// The sum of all lanes, by halves: a chain of additions would take as long as everything else.
 #[inline(always)]
 pub fn total(mut sums: FloatLanes) -> f32 {
     let mut half = FLOAT_LANES / 2;
@@ -183,7 +183,7 @@ fn normalize(values: &mut [f32]) {
 pub fn ln(value: f32) -> f32 {
     let bits = value.max(f32::MIN_POSITIVE).to_bits() as i32;
 
-    // The value is (1 + t) 2^exponent, as its bits say.
+    // The value is (1 + t) 2^exponent, by its bits.
     let exponent = ((bits >> 23) - 127) as f32;
     let t = f32::from_bits((bits & 0x007f_ffff | 0x3f80_0000) as u32) - 1.0;
 

@@ -1,5 +1,5 @@
-//! Defects of images beside blur and noise, which are detected once for a whole pair: impulses
-//! ([`phasestereo_match::image::impulses`]), and blocks that compression has left
+//! Defects of images besides blur and noise, detected once for a whole pair: impulses
+//! ([`phasestereo_match::image::impulses`]), and blocks left by compression
 //! ([`phasestereo_match::image::blocking`]).
 
 use std::ops::Range;
@@ -16,8 +16,8 @@ use phasestereo_match::matcher::runtime::Runtime;
 use phasestereo_match::pair::Pair;
 use phasestereo_match::pair::source::{Source, bands, has_empty_row, widened};
 
-/// The noise, in gray levels, that does as much harm as the loss of compression where blocks stand out by one
-/// level. More helps a little where both images are compressed, and harms where one is.
+/// The noise, in gray levels, that does the same harm as the loss from compression if blocks stand out by one
+/// level. More helps a little if both images are compressed, and harms if one is.
 const HARM: f64 = 6.0;
 /// Rows of one task.
 const ROWS: usize = 64;
@@ -29,11 +29,11 @@ const REACH: usize = if impulses::REACH > blocking::REACH { impulses::REACH } el
 pub struct Defects {
     /// The least height of their impulses; 0: there are none.
     pub impulses: [f64; 2],
-    /// Standard deviations of a noise that would do as much harm as the loss of compression.
+    /// Standard deviations of a noise that would do the same harm as the loss from compression.
     pub coding: [f64; 2],
 }
 
-/// What is counted in an image.
+/// Counts from an image.
 #[derive(Debug, Clone, Copy, Default)]
 struct DefectCounts {
     /// Pixels that are impulses without doubt.
@@ -45,7 +45,7 @@ struct DefectCounts {
 }
 
 impl Defects {
-    /// The defects of a pair whose gray levels are given.
+    /// The defects of a pair with given gray levels.
     pub fn new(source: &dyn Source, levels: [f64; 2], runtime: Runtime) -> Result<Self> {
         let (height, cols) = source.size();
         let mut found = [DefectCounts::default(); 2];
@@ -93,7 +93,7 @@ impl DefectCounts {
     }
 }
 
-/// Counts in some rows of an image, of a pair that begins with row `first` of `height` rows.
+/// Counts in some rows of an image, in a pair that begins at row `first` of `height` rows.
 fn counts(
     pair: &Pair,
     side: usize,

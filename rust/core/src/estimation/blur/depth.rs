@@ -1,19 +1,18 @@
 //! Blur that follows depth: the lenses are in focus at different distances, or one of them has a wider
 //! aperture.
 //!
-//! A lens blurs by a disk whose radius grows with the distance of the disparity from the one in focus.
-//! Squared radii add up, so that of the relative blur, negative where the right image is the softer one, is a
-//! parabola:
+//! A lens blurs by a disk whose radius grows with the difference between the disparity and the one in focus.
+//! Squared radii add up, so that of the relative blur, negative if the right image is softer, is a parabola:
 //!
 //! ```text
 //! squared(d) = (a (d - focus of the left lens))^2 - (b (d - focus of the right lens))^2
 //! loss       = mean over the blocks of the loss of a disk of radius sqrt |squared(disparity of the block)|
 //! ```
 //!
-//! The parabola is given by its values at the least, the middle and the largest disparity. All combinations
-//! of whole radii are tried, by sums of losses over blocks of similar disparities; that of the least loss is
-//! taken, if it is clearly less than that of any radius alone. Each tile then has the disk of its own
-//! disparity, from a match of copies that are small enough to show little of the blur.
+//! The parabola is given by its values at the smallest, the middle and the largest disparity. All
+//! combinations of whole radii are tried, using sums of losses over blocks of similar disparities; the one
+//! with the smallest loss is used, if it is clearly below that of any single radius. Each tile then has the
+//! disk of its own disparity, from a match of copies that are small enough to show little of the blur.
 
 use std::sync::OnceLock;
 
@@ -27,8 +26,8 @@ use crate::estimation::blur::psf::Psf;
 use phasestereo_match::base::simd::Level;
 use phasestereo_match::base::statistics::ranked;
 
-/// The match that gives the disparities: at half the size too much of the blur is left. Small neighborhoods
-/// find the outlines of things.
+/// The match that gives the disparities: at half the size, too much of the blur is left. Small neighborhoods
+/// find the outlines of objects.
 pub const DEPTHS: RoughScale = RoughScale { factor: 4, neighborhood: 5, window: 5, subpixel: true };
 
 /// Largest radius, pixels.
@@ -37,26 +36,26 @@ const LARGEST: usize = 10;
 const RADII: usize = 2 * LARGEST + 1;
 /// Steps from 0 to the largest radius, or its square, in which curves are tried.
 const TRIALS: usize = 25;
-/// Parts of the span of disparities whose blocks are taken together.
+/// Parts of the span of disparities whose blocks are combined.
 const PARTS: usize = 16;
-/// Share of the blocks at either end of the disparities that lie outside the span.
+/// Share of the blocks at either end of the disparities that are outside the span.
 const OUTSIDE: usize = 32;
-/// Spread of the disparities of a block, as a share of the span, with which it counts half: its blur is a
+/// Spread of the disparities of a block, as a share of the span, at which it counts half: its blur is a
 /// mixture.
 const EVEN: f32 = 0.1;
 /// Fewest blocks;
 const LEAST_BLOCKS: usize = 24;
 /// ... and least span of their disparities, pixels.
 const LEAST_SPAN: f32 = 2.0;
-/// By how much radii that follow depth must explain the blocks better than any one radius, nepers. On pairs
-/// with other blurs, or none, the difference is at most 0.013; where lenses are in focus 4 px apart, from
-/// 0.04 on.
+/// How much better radii that follow depth must explain the blocks than any one radius, nepers. On pairs with
+/// other blurs, or none, the difference is at most 0.013; with lenses in focus 4 px apart, it is at least
+/// 0.04.
 const WORTH: f32 = 0.025;
-/// ... and by at least this share of what tiles with blurs of their own gain: areas may be blurred by
+/// ... and at least this share of the gain from a separate blur for each tile: areas may be blurred by
 /// something else.
 const SHARE: f32 = 0.5;
 
-/// The least radius that is compensated, and the step between radii, pixels: steps of 1 are no better.
+/// The smallest compensated radius, and the step between radii, pixels: steps of 1 are no better.
 const FIRST: f32 = 2.0;
 const STEP: f32 = 1.5;
 /// Radii of either side that tiles may have.
@@ -67,10 +66,10 @@ const STEPS: usize = ((LARGEST as f32 - FIRST) / STEP) as usize + 1;
 pub struct BlurByDepth {
     /// The least and the largest disparity, pixels.
     span: (f32, f32),
-    /// Squared radii at the least, the middle and the largest disparity; negative where the right image is
+    /// Squared radii at the smallest, the middle and the largest disparity; negative if the right image is
     /// softer.
     squared: [f32; 3],
-    /// From 0.5 to 1: the share that they explain of what tiles with blurs of their own would.
+    /// From 0.5 to 1: their share of the explanation that a separate blur for each tile would give.
     pub certainty: f32,
 }
 
@@ -100,8 +99,8 @@ fn losses(blocks: &BlockPair, level: Level) -> [f32; RADII] {
 }
 
 impl BlurByDepth {
-    /// How the blur of blocks depends on their disparities; `None`: it does not. Blurs of their own explain
-    /// the blocks with a mean loss of `apart`.
+    /// How the blur of blocks depends on their disparities; `None`: it does not. Separate blurs explain the
+    /// blocks with a mean loss of `apart`.
     pub fn new(
         blocks: &[BlockPair],
         disparities: &[f32],
@@ -140,7 +139,7 @@ impl BlurByDepth {
         squared.abs().sqrt().copysign(squared)
     }
 
-    /// What tiles of a disparity have: one of a few radii, or none.
+    /// The disk for a disparity: one of a few radii, or none.
     pub fn defocus(&self, disparity: f32) -> Defocus {
         let radius = self.at(share(self.span, disparity));
         if radius.is_nan() || radius.abs() < FIRST / 2.0 {
@@ -153,7 +152,7 @@ impl BlurByDepth {
     }
 }
 
-/// The disparities of most blocks; `None` where these are too few or too similar.
+/// The disparities of most blocks; `None` if they are too few or too similar.
 fn span(disparities: &[f32]) -> Option<(f32, f32)> {
     if disparities.len() < LEAST_BLOCKS {
         return None;
@@ -166,12 +165,12 @@ fn span(disparities: &[f32]) -> Option<(f32, f32)> {
     (high - low >= LEAST_SPAN).then_some((low, high))
 }
 
-/// Where in a span a disparity lies, from 0 to 1.
+/// The position of a disparity in a span, from 0 to 1.
 fn share((low, high): (f32, f32), disparity: f32) -> f32 {
     ((disparity - low) / (high - low)).clamp(0.0, 1.0)
 }
 
-/// The parabola of the least sum of losses, and that sum.
+/// The parabola with the smallest sum of losses, and that sum.
 fn least(span: (f32, f32), sums: &[[f32; RADII]; PARTS]) -> Option<(BlurByDepth, f32)> {
     let steps = || (0..=2 * TRIALS).map(|step| step as f32 / TRIALS as f32 - 1.0);
     let ends = steps().flat_map(|first| steps().map(move |last| (first, last)));
@@ -217,7 +216,7 @@ mod tests {
         assert_eq!(found.defocus(30.0), Some((Side::Left, 3.5)));
         assert_eq!(found.defocus(50.0), Some((Side::Left, 3.5)));
 
-        // The left image alone: 5 px at the middle, 10 at the end.
+        // The left image only: 5 px at the middle, 10 at the end.
         let found = of_squared([0.0, 25.0, 100.0]);
         assert_eq!(found.defocus(20.0), Some((Side::Left, 5.0)));
         assert_eq!(found.defocus(30.0), Some((Side::Left, 9.5)));

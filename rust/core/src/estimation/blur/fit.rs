@@ -15,11 +15,11 @@ use super::spectrum::Powers;
 use phasestereo_match::base::math;
 use phasestereo_match::base::simd::{Level, Loop, leveled};
 
-/// Residuals beyond this, nepers, are clipped: blocks do not always show quite the same.
+/// Residuals beyond this, nepers, are clipped: blocks do not always show exactly the same things.
 const LARGEST_RESIDUAL: f32 = 2.0;
-/// Least share of an image's power that is taken for signal.
+/// Smallest share of an image's power that is assumed to be signal.
 const LEAST_SIGNAL: f32 = 0.02;
-/// Least share of the power that a blur is taken to leave, where it is undone.
+/// Smallest share of the power that a blur is assumed to leave, when it is undone.
 const LEAST_LEFT: f32 = 1e-3;
 /// The logarithm of the gain of power lies within this many nepers of 0, that of its correction within one.
 const LARGEST_GAIN: f32 = 20.0;
@@ -36,7 +36,7 @@ pub struct BlurEvidence {
     sharp: Vec<FloatLanes>,
     /// Power of the noise of the blurrier one.
     noise: f32,
-    /// Mean logarithm of the quotient of both signals where frequencies are low.
+    /// Mean logarithm of the quotient of both signals at low frequencies.
     low: f32,
 }
 
@@ -45,8 +45,8 @@ pub struct BlurEvidence {
 pub struct BlurFit {
     /// Mean magnitude of the residuals, nepers of power; 0 is a perfect fit.
     pub loss: f32,
-    /// How much less power the image that is taken for the blurrier one has than expected, nepers on average,
-    /// with the gain of the low frequencies.
+    /// The missing power of the image that is assumed to be blurrier, nepers on average, compared with that
+    /// expected from the gain of the low frequencies.
     pub lack: f32,
     /// Logarithm of the gain of power.
     log_gain: f32,
@@ -66,7 +66,7 @@ impl BlurEvidence {
         evidence_of_both(level, powers, noise)
     }
 
-    /// The evidence with a blur of the sharper image undone, of which this is the response.
+    /// The evidence after undoing a blur of the sharper image with this response.
     pub fn against(&self, response: &Response) -> Self {
         let (responses, _) = response.values.as_chunks::<FLOAT_LANES>();
 
@@ -99,8 +99,7 @@ fn evidence_of_both(level: Level, powers: &Powers, noise: [f32; 2]) -> [BlurEvid
     let (left, right) = (left.as_chunks::<FLOAT_LANES>().0, right.as_chunks::<FLOAT_LANES>().0);
     let with_capacity = || Vec::with_capacity(left.len());
     let evidence = |noise| BlurEvidence { blurred: with_capacity(), sharp: with_capacity(), noise, low: 0.0 };
-    // Evidence for a blur of the left image takes the right one as the sharp one, and the other way
-    // round.
+    // Evidence for a blur of the left image treats the right one as the sharp one, and the other way round.
     let (mut for_left, mut for_right) = (evidence(noise[0]), evidence(noise[1]));
 
     let mut low = [0.0; FLOAT_LANES];
@@ -132,7 +131,7 @@ fn fit_response(level: Level, evidence: &BlurEvidence, response: &Response) -> B
     BlurFit { loss: total(loss), lack: -total(excess), log_gain }
 }
 
-/// Fits responses one after another: what is set up for each fit alone takes a third of its time.
+/// Fits responses one after another: setting up each fit alone takes a third of its time.
 struct Models<'e, R> {
     evidence: &'e BlurEvidence,
     responses: R,
@@ -155,12 +154,12 @@ impl<'r, R: Iterator<Item = &'r Response>> Loop for Models<'_, R> {
     }
 }
 
-/// Residuals of groups of bins, and the share of the signal in what is expected.
+/// Residuals of groups of bins, and the share of the signal in the expected power.
 type Residuals = [(FloatLanes, FloatLanes); MOST_BINS / FLOAT_LANES];
 const NO_RESIDUALS: Residuals = [([0.0; FLOAT_LANES], [0.0; FLOAT_LANES]); MOST_BINS / FLOAT_LANES];
 
-/// One fit: a first gain, residuals with it, a correction of the gain, and the loss after that. Returns the
-/// loss and the excess of power of the blurrier image, as sums in each lane, and the logarithm of the gain.
+/// One fit: a first gain, residuals with it, a correction of the gain, and the final loss. Returns the loss
+/// and the excess power of the blurrier image, as sums in each lane, and the logarithm of the gain.
 #[inline(always)]
 fn fitted(
     evidence: &BlurEvidence,
@@ -174,7 +173,7 @@ fn fitted(
     let (responses, _) = response.values.as_chunks::<FLOAT_LANES>();
     let (weights, _) = bins().weights.as_chunks::<FLOAT_LANES>();
 
-    // Sums for the correction of the gain and for what the softer image lacks.
+    // Sums for the correction of the gain and for the missing power of the softer image.
     let (mut pull, mut trusted, mut excess) = ([0.0; FLOAT_LANES], [0.0; FLOAT_LANES], [0.0; FLOAT_LANES]);
     let powers = evidence.blurred.iter().zip(&evidence.sharp).zip(responses).zip(weights);
     for ((((blurred, sharp), response), weights), kept) in powers.zip(residuals.iter_mut()) {
@@ -190,7 +189,7 @@ fn fitted(
         *kept = (residual, trust);
     }
 
-    // The weighted mean of the residuals, as far as the signal takes part in what is expected.
+    // The weighted mean of the residuals, as far as the signal contributes to the expected power.
     let correction = (total(pull) / total(trusted).max(1e-9)).clamp(-1.0, 1.0);
 
     let mut loss = [0.0; FLOAT_LANES];
@@ -208,7 +207,7 @@ fn fitted(
     (loss, excess, log_gain + correction)
 }
 
-/// Residuals of the logarithm, and the share of the signal in what is expected.
+/// Residuals of the logarithm, and the share of the signal in the expected power.
 #[inline(always)]
 fn residual(
     blurred: FloatLanes,
@@ -230,7 +229,7 @@ fn residual(
     (residual, trust)
 }
 
-/// Powers less that of the noise.
+/// Powers minus that of the noise.
 #[inline(always)]
 fn signal(powers: FloatLanes, noise: f32) -> FloatLanes {
     let mut signal = powers;
@@ -256,7 +255,7 @@ mod tests {
     use super::*;
     use crate::testing::{levels, random};
 
-    /// Powers that fall with the frequency, as those of images do, and what a blur of them would be.
+    /// Powers that fall with the frequency, like those of images, and those of a blurred version.
     fn powers(seed: u32, response: &Response, gain: f32, noise: [f32; 2]) -> Powers {
         let mut number = random(seed);
         let mut portion = || number() as f32 / (1 << 24) as f32;
@@ -374,7 +373,7 @@ mod tests {
     }
 
     /// Reference implementation of the fit of a blur to the powers of two blocks, `[blurred, sharp]` like the
-    /// noise; `weights` are those of all bins and those by which gains are found. Returns loss and gain.
+    /// noise; `weights` are those of all bins and those that determine the gain. Returns loss and gain.
     fn blur_fit(
         [blurred, sharp]: [Vec<f64>; 2],
         noise: [f64; 2],

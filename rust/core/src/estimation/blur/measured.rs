@@ -1,4 +1,4 @@
-//! Measurement of a kernel that belongs to no family, from what both images show.
+//! Measurement of a kernel that does not belong to a family, from the areas that both images show.
 
 use super::bank::Side;
 use super::bins::SIDE;
@@ -36,7 +36,7 @@ pub fn add_cross_spectra(
 }
 
 /// The kernel that turns the sharp image into the soft one, by regularized least squares: the sum of
-/// cross-spectra over the sum of powers. `None` where the images have nothing in common.
+/// cross-spectra over the sum of powers. `None` if the images have nothing in common.
 pub fn measured(sums: &Cross, side: Side, level: Level) -> Option<Taps> {
     let sharp = &sums.powers[1 - side.index()];
     let regular = sharp.iter().sum::<f32>() / sharp.len() as f32 * REGULAR;
@@ -47,7 +47,7 @@ pub fn measured(sums: &Cross, side: Side, level: Level) -> Option<Taps> {
         product.iter().zip(sharp).map(quotient).collect()
     };
 
-    // The product is left times conjugate right: its conjugate belongs to a soft right image.
+    // The product is left times conjugate right: its conjugate applies to a soft right image.
     let sign = if side == Side::Left { 1.0 } else { -1.0 };
     let [re, im] = &sums.product;
     cleaned(&kernel(&[over(re, 1.0), over(im, sign)], level))
@@ -66,7 +66,7 @@ fn warped(right: &Plane<f32>, rough: &RoughMatch, control: &Control) -> Result<P
     })
 }
 
-/// The point-spread function in a measured kernel: the connected positive taps about the largest one.
+/// The point-spread function in a measured kernel: the connected positive taps around the largest one.
 fn cleaned(kernel: &Plane<f32>) -> Option<Taps> {
     let corner = SIDE / 2 - REACH;
     let side = 2 * REACH + 1;

@@ -1,4 +1,4 @@
-//! The rows of a pair that the estimation reads, a part at a time where the pair does not fit into memory.
+//! The rows of a pair that the estimation reads, a part at a time if the pair does not fit into memory.
 
 use std::borrow::Cow;
 use std::ops::Range;
@@ -13,15 +13,15 @@ use phasestereo_match::matcher::runtime::Runtime;
 use phasestereo_match::pair::Pair;
 use phasestereo_match::pair::source::{Source, widened};
 
-/// Rows above and below a block on which its rough disparities depend: those of windows and neighborhoods of
+/// Rows above and below a block that its rough disparities depend on: those of windows and neighborhoods of
 /// the rough match, those that masked rows copy, and one for the detection of impulses.
 pub const HALO: usize = 97;
-/// The rough match that finds the blocks that show the same.
+/// The rough match that finds corresponding blocks.
 pub const ROUGHEST: RoughScale = RoughScale { factor: 4, ..RoughScale::ROUGH };
 
 /// Some rows of a pair.
 pub struct Part<'a> {
-    /// The row of the whole image that is the first here.
+    /// The row of the whole image that is the first one here.
     pub first: usize,
     /// The rows.
     pub pair: Cow<'a, Pair>,
@@ -39,7 +39,7 @@ pub struct PairRows<'a> {
 /// Strips of rows to visit.
 #[derive(Clone, Copy)]
 pub struct Strips<'a> {
-    /// The top row of each strip, in rising order.
+    /// The top row of each strip, ascending.
     pub tops: &'a [usize],
     /// Rows of each strip.
     pub rows: usize,
@@ -68,7 +68,7 @@ impl<'a> PairRows<'a> {
         self.whole.as_ref()
     }
 
-    /// Some row of the pair, which has the type and the range of all.
+    /// Some rows of the pair, with the type and the range of the whole.
     pub fn sample(&self) -> Result<Cow<'_, Pair>> {
         match &self.whole {
             Some(part) => Ok(Cow::Borrowed(&*part.pair)),
@@ -77,7 +77,7 @@ impl<'a> PairRows<'a> {
     }
 
     /// Visits the strips from the first one down: calls `visit` with a part of the pair and the indices of
-    /// the strips that lie in it. How many strips a part holds makes no difference.
+    /// the strips in it. The number of strips in a part does not matter.
     pub fn visit(
         &self,
         strips: Strips,
@@ -91,7 +91,7 @@ impl<'a> PairRows<'a> {
         let (source, height, most) = (self.source, self.source.size().0, self.source.most_rows());
         let mut first = 0;
         while let Some(rest) = strips.tops.get(first..).filter(|rest| !rest.is_empty()) {
-            // As many strips as fit into a part, and at least one.
+            // All strips that fit into a part, and at least one.
             let fits = |top: &&usize| *top - rest[0] + strips.rows <= most;
             let count = rest.iter().take_while(fits).count().max(1);
 
@@ -108,7 +108,7 @@ impl<'a> PairRows<'a> {
 }
 
 impl<'a> Part<'a> {
-    /// The part that begins with row `first` of the whole image.
+    /// The part that begins at row `first` of the whole image.
     pub fn new(first: usize, pair: Cow<'a, Pair>, Runtime { control, .. }: Runtime) -> Result<Self> {
         let grays = both(|side| grays(pair.views()[side], control))?;
         Ok(Self { first, pair, grays })
@@ -126,9 +126,8 @@ impl<'a> Part<'a> {
         RoughMatch::new(&self.grays, known, scale, runtime)
     }
 
-    /// The pair of blocks that show the same, whose left one has this corner in the whole image; `None` where
-    /// there is none, or they have no contrast. The rough disparities begin with row `first` of the whole
-    /// image.
+    /// The pair of corresponding blocks whose left one has this corner in the whole image; `None` if there is
+    /// none, or it has no contrast. The rough disparities begin at row `first` of the whole image.
     pub fn place(
         &self,
         (rough, first): (&RoughMatch, usize),

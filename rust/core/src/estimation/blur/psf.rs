@@ -1,7 +1,7 @@
 //! Point-spread functions of lenses and shutters, and the table of their families.
 //!
-//! The bank, its refinement, priors, findings, the text of a rig and the faces are loops over the table: a
-//! family is added by a row of it, and by a kernel in [`super::taps`].
+//! The bank, its refinement, priors, findings, the text of a rig and the faces loop over the table: to add a
+//! family, add a row to it, and a kernel in [`super::taps`].
 
 use std::ops::RangeInclusive;
 
@@ -19,7 +19,7 @@ pub enum Family {
     Disk,
     /// Straight motion at constant speed; the size is its length; 1: no blur.
     Motion,
-    /// Defocus of a round aperture whose middle is covered, as by the small mirror of a mirror lens; the size
+    /// Defocus of a round aperture with a covered middle, as by the small mirror of a mirror lens; the size
     /// is the outer radius.
     Annulus,
 }
@@ -31,58 +31,59 @@ pub struct Psf {
     pub family: Family,
     /// Its size, pixels.
     pub size: f64,
-    /// Direction of a motion, degrees from x towards y; 0 for others.
+    /// Direction of a motion, degrees from x toward y; 0 for others.
     pub angle: f64,
     /// Inner radius of an annulus as a share of the outer one; 0 for others.
     pub inner: f64,
 }
 
-/// What is known of a family.
+/// Properties of a family.
 #[derive(Debug)]
 pub struct FamilyTraits {
     /// Its name.
     pub name: &'static str,
-    /// A sentence's words for one of it, with holes `{size}` and `{angle}`.
+    /// Words in a sentence for one blur of it, with holes `{size}` and `{angle}`.
     pub words: &'static str,
-    /// The same for some of one image whose sizes follow depth, with holes `{least}` and `{largest}`; `None`:
-    /// sizes do not.
+    /// The same for blurs of one image whose sizes follow depth, with holes `{least}` and `{largest}`;
+    /// `None`: sizes do not.
     pub by_depth: Option<&'static str>,
-    /// Whether it comes from the focus; else from motion during the exposure.
+    /// Whether it comes from the focus; otherwise from motion during the exposure.
     pub is_of_focus: bool,
-    /// The size, pixels, from which on nothing finer is left in any direction; `None`: something is left.
+    /// The smallest size, pixels, that leaves nothing finer in any direction; `None`: something is always
+    /// left.
     pub wide: Option<f64>,
     /// Sizes in the bank, pixels.
     sizes: &'static [f64],
     /// The largest size, pixels: blocks are too small for kernels that are larger than half of them.
     largest: f64,
-    /// The parameter beside the size.
+    /// The parameter besides the size.
     shape: Shape,
-    /// What has to speak for it; `None`: what speaks for the others.
+    /// The evidence it requires; `None`: the same as other families.
     pub rarity: Option<Rarity>,
-    /// Sizes that are tried where a few entries of the bank have to do, and every how many shapes.
+    /// Sizes that are tried when only a few entries of the bank are used, and the step between shapes.
     probes: (&'static [f64], usize),
     taps: fn(&Psf) -> Taps,
     spread: fn(&Psf) -> f64,
 }
 
-/// A parameter beside the size: its values in the bank.
+/// A parameter besides the size: its values in the bank.
 #[derive(Debug)]
 enum Shape {
     /// No blur.
     None,
     /// A direction, degrees.
     Angle(&'static [f64]),
-    /// The share of the radius that is covered: the bank's, and the range. With a smaller hole, it hardly
-    /// differs from none.
+    /// The covered share of the radius: the bank's values, and the range. A smaller hole hardly makes a
+    /// difference.
     Inner(&'static [f64], RangeInclusive<f64>),
 }
 
-/// How much better a rare family has to explain what is seen than the others.
+/// How much better a rare family has to explain the evidence than the others.
 #[derive(Debug)]
 pub struct Rarity {
-    /// What is added to its loss in the bank, nepers.
+    /// The addition to its loss in the bank, nepers.
     pub prior: f32,
-    /// The largest share that its loss may be of that of all other families.
+    /// The largest ratio of its loss to that of all other families.
     pub share: f32,
 }
 
@@ -145,8 +146,8 @@ static TABLE: [FamilyTraits; 4] = [
         sizes: &[3.0, 4.0, 5.0, 6.0, 8.0, 10.0],
         largest: 14.0,
         shape: Shape::Inner(&[0.5, 0.75], 0.4..=0.9),
-        // Lenses with a covered middle are rare, and the many zeros of annuli resemble what compression
-        // leaves of a blur, and areas of several blurs. True annuli have about a third of the loss of the
+        // Lenses with a covered middle are rare, and the many zeros of annuli resemble those that compression
+        // leaves of a blur, and areas with several blurs. True annuli have about a third of the loss of the
         // best disk, mistaken ones more than two thirds.
         rarity: Some(Rarity { prior: 0.1, share: 0.5 }),
         probes: (&[4.0, 6.0], 1),
@@ -156,7 +157,7 @@ static TABLE: [FamilyTraits; 4] = [
 ];
 
 impl Family {
-    /// All of them, by their numbers.
+    /// All families, by their numbers.
     pub fn all() -> impl Iterator<Item = Self> {
         [Self::Gaussian, Self::Disk, Self::Motion, Self::Annulus].into_iter()
     }
@@ -176,7 +177,7 @@ impl Family {
         &TABLE[self.number()]
     }
 
-    /// The members in the bank whose sizes are wanted, shape by shape.
+    /// The members in the bank with the wanted sizes, shape by shape.
     fn grid(self, is_wanted: impl Fn(f64) -> bool) -> impl Iterator<Item = Psf> {
         let FamilyTraits { sizes, shape, .. } = self.traits();
         let round = move |size: f64| Psf { family: self, size, angle: 0.0, inner: 0.0 };
@@ -198,7 +199,7 @@ impl Family {
         self.grid(|_| true)
     }
 
-    /// Some of them, to see whether there is any blur.
+    /// Some of them, to check for any blur.
     pub fn probes(self) -> impl Iterator<Item = Psf> {
         let (sizes, step) = self.traits().probes;
         self.grid(|size| sizes.contains(&size)).step_by(step)
@@ -231,7 +232,7 @@ impl Psf {
         Self { family: Family::Motion, size: length, angle, inner: 0.0 }
     }
 
-    /// Between two radii, the inner one as a share of the outer one.
+    /// An annulus between two radii, the inner one as a share of the outer one.
     pub fn annulus(radius: f64, inner: f64) -> Self {
         Self { family: Family::Annulus, size: radius, angle: 0.0, inner }
     }
@@ -248,7 +249,7 @@ impl Psf {
         (self.family.traits().spread)(self)
     }
 
-    /// What is added to its loss in the bank, nepers: more for a rare family.
+    /// The addition to its loss in the bank, nepers: more for a rare family.
     pub fn prior(&self) -> f32 {
         self.family.traits().rarity.as_ref().map_or(0.0, |rarity| rarity.prior)
     }
@@ -265,8 +266,8 @@ impl Psf {
         words.replace("{angle}", &format!("{:.0}", self.angle))
     }
 
-    /// The blurs that differ from one by a step in one parameter, within its range. Steps are halved this
-    /// often.
+    /// The blurs that differ from this one by a step in one parameter, within its range. Steps have been
+    /// halved this many times.
     pub fn steps(self, halvings: u32) -> impl Iterator<Item = Self> {
         // The steps of both parameters shrink together.
         let scale = 1.0 / f64::from(1u32 << halvings);

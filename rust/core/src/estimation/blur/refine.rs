@@ -7,7 +7,7 @@ use phasestereo_match::base::simd::Level;
 
 /// How often the steps of size and direction are halved.
 const HALVINGS: u32 = 5;
-/// Families whose first loss is more than the least one times this (plus a little) are not refined.
+/// Families whose first loss exceeds the smallest one times this (plus a little) are not refined.
 const HOPELESS: f32 = 1.6;
 
 /// A blur and how well it explains the evidence.
@@ -15,7 +15,7 @@ const HOPELESS: f32 = 1.6;
 pub struct RefinedBlur {
     /// The blur.
     pub entry: Entry,
-    /// How well.
+    /// The quality of its fit.
     pub fit: BlurFit,
 }
 
@@ -50,7 +50,7 @@ pub fn refine(evidence: &BlurEvidence, level: Level) -> RefinedBlur {
     best(rare.filter(is_clear)).unwrap_or(usual)
 }
 
-/// Pattern search: goes to the best neighbor while the loss falls, then halves the steps.
+/// Pattern search: moves to the best neighbor while the loss falls, then halves the steps.
 fn descend(seed: RefinedBlur, judge: &impl Fn(Psf) -> RefinedBlur) -> RefinedBlur {
     let mut found = seed;
     for halving in 0..HALVINGS {

@@ -1,4 +1,4 @@
-//! The kinds of blur in an image and their areas: as few kinds as explain the tiles, and a map without
+//! The kinds of blur in an image and their areas: the fewest kinds that explain the tiles, and a map without
 //! specks.
 
 use phasestereo_match::base::plane::around;
@@ -12,25 +12,25 @@ pub struct Losses {
     pub cols: usize,
     /// Number of choices.
     pub choices: usize,
-    /// The losses, nepers; infinite, all of them, for a tile without evidence.
+    /// The losses, nepers; all infinite for a tile without evidence.
     pub values: Vec<f32>,
 }
 
-/// Differences up to this, nepers, do not count for a further choice: on sharp pairs some are better by
+/// Differences up to this, nepers, do not count toward a further choice: on sharp pairs some are better by
 /// chance.
 const MARGIN: f32 = 0.06;
-/// ... and the mean of what is beyond over all tiles must be at least this, nepers: 1 % of the tiles, all of
-/// which were explained as badly as can be, or 10 % of them a little.
+/// ... and the mean excess over all tiles must be at least this, nepers: 1 % of the tiles, all explained as
+/// badly as possible, or 10 % of them slightly.
 pub const WORTH: f32 = 0.01;
 /// Most choices.
 const MOST: usize = 8;
-/// Cost of a neighboring tile of another choice, nepers; half of it for diagonal ones.
-/// Twice as much makes no difference.
+/// Cost of a neighboring tile with another choice, nepers; half of it for diagonal ones. Twice this makes no
+/// difference.
 const BOUNDARY: f32 = 0.15;
-/// Choices of a smaller share of the tiles are left out: the whole map would be redrawn for hardly any
+/// Choices with a smaller share of the tiles are left out: the whole map would be redrawn for hardly any
 /// pixels.
 const LEAST_SHARE: f64 = 0.02;
-/// Most rounds in which tiles agree with their neighbors.
+/// Most rounds in which tiles adapt to their neighbors.
 const ROUNDS: usize = 8;
 
 impl Losses {
@@ -39,7 +39,7 @@ impl Losses {
         &self.values[tile * self.choices..][..self.choices]
     }
 
-    /// The mean over the tiles with evidence of the least loss of each; infinite without any.
+    /// The mean of the smallest loss of each tile with evidence; infinite without any.
     pub fn mean_of_best(&self) -> f32 {
         let best = |losses: &[f32]| losses.iter().copied().fold(f32::INFINITY, f32::min);
         let count = self.informative().count();
@@ -59,7 +59,7 @@ impl Losses {
             return Vec::new();
         };
 
-        // Greedy: in every round the choice that adds most.
+        // Greedy: every round takes the choice that adds most.
         let mut chosen = vec![first];
         while chosen.len() < MOST {
             let (next, worth) = self.next(&chosen);
@@ -88,8 +88,8 @@ impl Losses {
         (best, worth[best])
     }
 
-    /// The tiles that a choice explains better than the others do. With several choices, only the better half
-    /// of these: tiles on a boundary are not of one kind.
+    /// The tiles that a choice explains better than the others. With several choices, only the better half of
+    /// these: tiles on a boundary are of mixed kinds.
     pub fn best_members(&self, choice: usize) -> Vec<usize> {
         let is_member = |tile: &usize| self.of(*tile)[0].is_finite() && least(self.of(*tile)) == choice;
         let mut members: Vec<usize> = (0..self.rows * self.cols).filter(is_member).collect();
@@ -103,7 +103,7 @@ impl Losses {
     }
 
     /// The losses with those of every tile replaced by those of the best explained tile around it: tiles on a
-    /// boundary, which no choice explains well, take over from others.
+    /// boundary, which no choice explains well, copy them from others.
     pub fn steadied(&self) -> Self {
         let best = |tile: usize| self.of(tile).iter().copied().fold(f32::INFINITY, f32::min);
 
@@ -149,7 +149,7 @@ impl Losses {
         labels
     }
 
-    /// The same without choices of hardly any tiles, which take the best ones of the others.
+    /// The same, without choices of hardly any tiles; these tiles take the best of the other choices.
     pub fn main_labels(&self) -> Vec<u8> {
         let mut labels = self.labels();
         let mut areas = vec![0; self.choices];
@@ -159,7 +159,7 @@ impl Losses {
 
         let is_large = |choice: &usize| f64::from(areas[*choice]) >= LEAST_SHARE * labels.len() as f64;
         let mut kept: Vec<usize> = (0..self.choices).filter(is_large).collect();
-        // Where losses are equal, or there is no evidence, that of the largest area.
+        // If losses are equal, or there is no evidence, the choice with the largest area.
         kept.sort_by_key(|choice| std::cmp::Reverse(areas[*choice]));
 
         for (label, losses) in labels.iter_mut().zip(self.values.chunks(self.choices)) {
@@ -172,7 +172,7 @@ impl Losses {
         labels
     }
 
-    /// The choice of least energy given those of the neighbors.
+    /// The choice with the smallest energy, given those of the neighbors.
     fn agreed(&self, tile: usize, labels: &[u8]) -> u8 {
         // A neighbor's choice lowers the energy of the same choice, which is the Potts model up to a
         // constant.
@@ -188,7 +188,7 @@ impl Losses {
     }
 }
 
-/// The choice with the least mean loss; choice 0 is preferred unless another is clearly better. `None`
+/// The choice with the smallest mean loss; choice 0 is preferred unless another is clearly better. `None`
 /// without tiles.
 pub fn first<'a>(tiles: impl Iterator<Item = &'a [f32]>) -> Option<usize> {
     let mut tiles = tiles.peekable();
@@ -342,7 +342,7 @@ mod tests {
     fn choices_of_hardly_any_tiles_are_left_out() {
         let mut tiles = [[0.1, 0.9, 0.5]; 200];
         tiles[100..].fill([0.9, 0.1, 0.5]);
-        // Three tiles by three are a choice of more than 2 %, one by three of less.
+        // Three by three tiles are a choice with more than 2 %, one by three has less.
         let block =
             |first: usize, rows: usize| (0..rows).flat_map(move |y| (0..3).map(move |x| first + 20 * y + x));
         block(25, 3).for_each(|tile| tiles[tile] = [1.9, 1.8, 0.1]);

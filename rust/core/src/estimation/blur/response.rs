@@ -94,7 +94,7 @@ mod tests {
     fn a_gaussian_leaves_a_gaussian_as_the_window_smears_it() {
         for sigma in [1.2, 2.0, 3.5] {
             let psf = Psf::gaussian(sigma);
-            // The kernel is sampled: its spectrum comes again from either side.
+            // The kernel is sampled, so its spectrum repeats on either side.
             let along = |k: f64| -> f64 {
                 let at = |k: f64| math::exp(-0.5 * (TAU * k / SIDE as f64 * sigma).powi(2));
                 [-1.0, 0.0, 1.0].iter().map(|turn| at(k + turn * SIDE as f64)).sum::<f64>().powi(2)
@@ -116,7 +116,7 @@ mod tests {
         let psf = |angle| Psf::motion(9.0, angle);
 
         let of = |psf: Psf| response(&psf.taps(), Level::best());
-        // A motion along x leaves what varies only along y: place kx = 0, ky = 8.
+        // A motion along x leaves detail that varies only along y: place kx = 0, ky = 8.
         let bin = |place: usize| {
             let mut powers = vec![0.0; HALF];
             powers[place] = 1.0;

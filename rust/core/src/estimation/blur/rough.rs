@@ -1,5 +1,5 @@
-//! Rough matches: gray values of both images, disparities of reduced copies, and pairs of blocks that show
-//! the same.
+//! Rough matches: gray values of both images, disparities of reduced copies, and pairs of corresponding
+//! blocks.
 
 use std::ops::Range;
 
@@ -25,13 +25,13 @@ use phasestereo_match::pair::candidates::Candidates;
 use phasestereo_match::settings::presets::Preset;
 use phasestereo_match::settings::{Optimizer, Precision, Settings};
 
-/// Gray values lie within this many of zero, whatever the type of the image.
+/// Gray values are within this distance of zero, whatever the type of the image.
 const REACH: f64 = 128.0;
-/// Side of the area about the center of a block whose median disparity the block takes, pixels.
+/// Side of the area around the center of a block whose median is the block's disparity, pixels.
 const CORE: usize = SIDE / 2;
-/// Of a block at most one pixel in this many may be masked.
+/// At most one pixel of a block in this many may be masked.
 const MASKED_SHARE: usize = 10;
-/// Steps of a row in which the offsets of a reduced image are rounded.
+/// Steps per row to which the offsets of a reduced image are rounded.
 const RAISED_STEPS: isize = 64;
 
 /// Number of gray values per unit of the pixels of a view.
@@ -44,8 +44,8 @@ fn scale(view: &View) -> f64 {
     REACH / f64::from(view.scale().reach())
 }
 
-/// The gray values of a view around the middle of its range, in one range for all types; masked pixels take the
-/// values of valid neighbors.
+/// The gray values of a view around the middle of its range, in one range for all types; masked pixels take
+/// the values of valid neighbors.
 pub fn grays(view: &View, control: &Control) -> Result<Plane<f32>> {
     let scale = scale(view) as f32;
     Plane::by_rows(view.size(), control, |y, row: &mut [f32]| {
@@ -54,7 +54,7 @@ pub fn grays(view: &View, control: &Control) -> Result<Plane<f32>> {
     })
 }
 
-/// Whether the block of gray values with this corner has more than one: blur leaves evidence in contrast alone.
+/// Whether the block with this corner has more than one gray value: blur leaves evidence only in contrast.
 pub fn has_contrast(grays: &Plane<f32>, top: usize, left: usize) -> bool {
     let mut values = (top..top + SIDE).flat_map(|y| &grays.row(y)[left..left + SIDE]);
     let first = values.next().map(|value| value.to_bits());
@@ -73,7 +73,7 @@ pub fn reduced(plane: &Plane<f32>, factor: usize, runtime: Runtime) -> Result<Pl
     })
 }
 
-/// Writes a row of means over squares, from zeros.
+/// Writes a row of means over squares into zeros.
 #[leveled]
 fn reduce_row(level: Level, plane: &Plane<f32>, factor: usize, y: usize, out: &mut [f32]) {
     for row in y * factor..(y + 1) * factor {
@@ -121,7 +121,7 @@ pub struct RoughScale {
     pub subpixel: bool,
 }
 
-/// The settings of a match of reduced images. Along rows alone, few frequencies and costs of one byte are
+/// The settings of a match of reduced images. Paths only along rows, few frequencies and one-byte costs are
 /// fast, and rough disparities suffice.
 pub fn rough_settings(neighborhood: usize, window: usize, subpixel: bool) -> Settings {
     Settings {
@@ -138,11 +138,11 @@ pub fn rough_settings(neighborhood: usize, window: usize, subpixel: bool) -> Set
 }
 
 impl RoughScale {
-    /// Large neighborhoods withstand what is left of the blur. The factor is to be chosen.
+    /// Large neighborhoods withstand the remaining blur. The factor is to be chosen.
     pub const ROUGH: Self = Self { factor: 1, neighborhood: 9, window: 9, subpixel: false };
 }
 
-/// What is known of the geometry of a pair.
+/// The known geometry of a pair.
 #[derive(Debug, Clone)]
 pub struct Correspondence {
     /// The disparities to search.
@@ -176,7 +176,7 @@ pub fn raised(
         let along = alignment.along(center(y));
 
         for (x, value) in row.iter_mut().enumerate() {
-            // Offsets are rounded to steps, so that it makes no difference where a part of the image begins.
+            // Offsets are rounded to steps, so that it does not matter where a part of the image begins.
             let offset = nearest(along.at(center(x)) * RAISED_STEPS as f64 / factor as f64) as isize;
             let above = y as isize + offset.div_euclid(RAISED_STEPS);
             let share = offset.rem_euclid(RAISED_STEPS) as f32 / RAISED_STEPS as f32;
@@ -187,8 +187,8 @@ pub fn raised(
     })
 }
 
-/// Matches images that are reduced by a factor over a span of their disparities, both ends included, the
-/// right one row-aligned by the field.
+/// Matches images reduced by a factor over a span of their disparities, both ends included, with the right
+/// one row-aligned by the field.
 pub fn match_reduced(
     [left, right]: [Plane<f32>; 2],
     factor: usize,
@@ -205,14 +205,14 @@ pub fn match_reduced(
     let (min, count) = Candidates::of_span(span, left.cols())?.numbers();
     let pair = Pair::new(as_view(&left), as_view(&right), min, count)?;
 
-    // Rows of the reduced pair are not rows of the result: its progress is counted apart.
+    // Rows of the reduced pair are not rows of the result: its progress is counted separately.
     let all = Section::whole(&pair);
     matcher.match_alone(&pair, &all, settings, execution, &control.aside())
 }
 
 impl RoughMatch {
-    /// Matches a pair reduced by a factor, on neighborhoods of a certain side: blur shrinks with the images,
-    /// and larger neighborhoods tolerate what is left of it.
+    /// Matches a pair reduced by a factor, with neighborhoods of a given side: blur shrinks with the images,
+    /// and larger neighborhoods tolerate the rest of it.
     pub fn new(
         grays: &[Plane<f32>; 2],
         known: Correspondence,
@@ -224,7 +224,7 @@ impl RoughMatch {
         let copy = |side: usize| reduced(&grays[side], factor, runtime);
         let (left, right) = (copy(0)?, copy(1)?);
 
-        // The reduced range holds the whole one.
+        // The reduced range contains the full one.
         let [low, high] = [candidates.min(), candidates.max()].map(|end| end.div_euclid(factor as isize));
         let span = (low, high + 1);
 
@@ -235,7 +235,7 @@ impl RoughMatch {
         Ok(Self { disparity: map.disparity, factor, alignment })
     }
 
-    /// Disparities of the whole images, reduced by a factor, whose rows correspond as the field says.
+    /// Disparities of the full images, reduced by a factor, with rows that correspond by the field.
     pub fn of_whole(disparity: Plane<f32>, factor: usize, alignment: Option<Alignment>) -> Self {
         Self { disparity, factor, alignment }
     }
@@ -245,7 +245,7 @@ impl RoughMatch {
         self.factor
     }
 
-    /// The number of rows by which column `x` of the right image is lower than row `y` of the left one.
+    /// How many rows lower column `x` of the right image is than row `y` of the left one.
     pub fn rows_at(&self, y: usize, x: usize) -> isize {
         let offset = |alignment: &Alignment| alignment.at(x as f64, y as f64).round() as isize;
         self.alignment.as_ref().map_or(0, offset)
@@ -254,7 +254,7 @@ impl RoughMatch {
     /// The disparity at a pixel of the whole image, interpolated bilinearly.
     pub fn at(&self, y: usize, x: usize) -> f32 {
         let place = |at: usize, length: usize| {
-            // Pixel centers of both sizes; beyond the outermost ones, the disparity stays the same.
+            // Pixel centers of both sizes; beyond the outermost ones, the disparity stays constant.
             let exact = (at as f32 + 0.5) / self.factor as f32 - 0.5;
             let exact = exact.clamp(0.0, (length - 1) as f32);
             let first = (exact as usize).min(length.saturating_sub(2));
@@ -272,12 +272,12 @@ impl RoughMatch {
         (row(top) + down * (row(bottom) - row(top))) * self.factor as f32
     }
 
-    /// The median disparity about the center of a left block; `None`: none.
+    /// The median disparity around the center of a left block; `None`: none.
     fn of_block(&self, top: usize, left: usize) -> Option<f32> {
         self.around(top + SIDE / 2, left + SIDE / 2)
     }
 
-    /// The median disparity about a pixel; `None`: none.
+    /// The median disparity around a pixel; `None`: none.
     pub fn around(&self, y: usize, x: usize) -> Option<f32> {
         let span = |center: usize, length: usize| {
             let first = (center.saturating_sub(CORE / 2) / self.factor).min(length - 1);
@@ -291,7 +291,7 @@ impl RoughMatch {
     }
 
     /// The pair of blocks whose left one has this corner, in a pair that begins `above` rows below these
-    /// disparities; `None` where no disparity is known, the right block would leave its image, or too much of
+    /// disparities; `None` if no disparity is known, the right block would leave its image, or too much of
     /// either is masked.
     pub fn place(&self, pair: &Pair, above: usize, top: usize, left: usize) -> Option<BlockPlace> {
         // The median disparity gives the column of the right block, then the field its row.
@@ -310,7 +310,7 @@ impl RoughMatch {
     }
 }
 
-/// Whether so few pixels of a block are masked that it shows the scene.
+/// Whether few enough pixels of a block are masked for it to show the scene.
 pub fn is_mostly_valid(view: &View, rows: Range<usize>, cols: Range<usize>) -> bool {
     let Some(mask) = view.mask() else { return true };
     let total = rows.len() * cols.len();
@@ -335,7 +335,7 @@ fn write_steps(level: Level, values: &[f32], steps: &mut [i32]) {
 
 /// A plane of gray values as a view.
 pub fn as_view(plane: &Plane<f32>) -> View {
-    // A fixed range keeps the scale the same for every part of an image; in thousandths.
+    // A fixed range gives every part of an image the same scale; in thousandths.
     view_of_plane(plane, IntensityRange::about_zero(1000.0 * REACH))
 }
 
@@ -350,7 +350,7 @@ mod tests {
 
     const SHIFT: usize = 12;
 
-    /// Squares of 3 pixels, everywhere at one disparity.
+    /// Squares of 3 pixels, all at one disparity.
     fn pair(masks: [Option<Mask>; 2]) -> Pair {
         let view = |from: usize, mask| {
             let pixel = |(y, x, _)| texture(y / 3, (x + from) / 3, 0);

@@ -1,5 +1,5 @@
-//! The search for the blurs that explain pairs of blocks: over the whole bank where needed, over few of it
-//! elsewhere.
+//! The search for the blurs that explain pairs of blocks: over the whole bank if needed, otherwise over a
+//! small part of it.
 
 use std::sync::OnceLock;
 
@@ -13,23 +13,22 @@ use super::spectrum::Powers;
 use phasestereo_match::base::simd::Level;
 
 /// Least loss of choices that are not tried, nepers: about that of a blur of the wrong side. With 4, a few
-/// blocks that do not quite show the same outweigh all others.
+/// blocks that do not show exactly the same things outweigh all others.
 const UNTRIED: f32 = 1.0;
-/// An image that lacks so much more power than the other one is the softer one, nepers. Where blocks have
-/// little contrast, either may seem to lack a little. Without it, `phasestereo bench blur` finds a second
-/// kind of blur in many trials.
+/// An image is softer if it is missing this much more power than the other one, nepers. In blocks of little
+/// contrast, either may seem to miss a little. Without this, `phasestereo bench blur` finds a second kind of
+/// blur in many trials.
 const CLEAR: f32 = 0.3;
-/// Blocks that the first blur explains are tried on all others where one of a few of these is better by this,
-/// nepers. What a further blur could gain of the other blocks is far below what it must gain (see `regions`),
-/// and half as many are tried as with 0.
+/// Blocks that the first blur explains are tried with all others if one of a few of these is better by this,
+/// nepers. The gain of a further blur on the other blocks is far below the required one (see `regions`), and
+/// half the number is tried compared with 0.
 const BETTER: f32 = 0.02;
 
-/// What a few blurs are worth to a sample of blocks that are sharp together, nepers on average, from which on
-/// all blocks are looked at: a quarter of what a kind has to be worth, of which a sample may show less than
-/// its share.
+/// Least mean gain of a few blurs on a sample of blocks that are sharp together, nepers, for which all blocks
+/// are examined: a quarter of the required gain of a kind, since a sample may show less than its share.
 const GLANCE: f32 = 0.25 * WORTH;
 
-/// A hypothesis about the blur: of one image, or none.
+/// A hypothesis about the blur: blur of one image, or none.
 #[derive(Debug, Clone, Copy)]
 pub struct Choice<'a> {
     /// The softer image; `None`: both are alike.
@@ -39,8 +38,7 @@ pub struct Choice<'a> {
 }
 
 impl Choice<'static> {
-    /// Choice 0 stands for no blur; then comes every blur of the bank for the left image, then for the right
-    /// one.
+    /// Choice 0 means no blur; then come all blurs of the bank for the left image, then for the right one.
     pub fn at(index: usize) -> Self {
         let Some(blurred) = index.checked_sub(1) else {
             return Self { side: None, response: flat() };
@@ -61,7 +59,7 @@ pub fn flat() -> &'static Response {
 pub struct BlockPair {
     /// The evidence for a blur of the left one and for one of the right one.
     pub evidence: [BlurEvidence; 2],
-    /// How well no blur explains each of them.
+    /// The fits of no blur to each of them.
     unblurred: [BlurFit; 2],
 }
 
@@ -74,7 +72,7 @@ impl BlockPair {
         Self { evidence, unblurred }
     }
 
-    /// The fit of no blur, whose loss is the mean of both directions: what one block lacks may look like
+    /// The fit of no blur, with the mean loss of both directions: missing power of one block may look like
     /// noise of the other one, but not both ways.
     pub fn none(&self) -> BlurFit {
         let [mut left, right] = self.unblurred;
@@ -89,8 +87,8 @@ impl BlockPair {
             .map_or(self.none().loss, |side| self.evidence[side.index()].fit(choice.response, level).loss)
     }
 
-    /// The losses of all choices. Blurs of an image that clearly lacks less power than the other one are not
-    /// tried.
+    /// The losses of all choices. Blurs of an image that is clearly missing less power than the other one are
+    /// not tried.
     pub fn losses(&self, level: Level) -> Vec<f32> {
         let none = self.none().loss;
         let mut losses = vec![none];
@@ -115,21 +113,21 @@ impl BlockPair {
         losses.fold(f32::INFINITY, f32::min)
     }
 
-    /// By how much the best of a few blurs is better than none, less what is chance.
+    /// How much better the best of a few blurs is than none, minus the effect of chance.
     fn worth(&self, level: Level) -> f32 {
         (self.none().loss - self.least_of_probes(level) - BETTER).max(0.0)
     }
 
     /// Whether the left and the right block may be the softer one.
     fn may_be_softer(&self) -> [bool; 2] {
-        // Lack is relative to the other image, so the two have nearly opposite signs.
+        // Missing power is relative to the other image, so the two have nearly opposite signs.
         let [left, right] = self.unblurred.map(|fit| fit.lack);
 
         [right - left <= CLEAR, left - right <= CLEAR]
     }
 
-    /// The losses of all choices. Where none of a few blurs is better than the first choice, only this and
-    /// none are tried.
+    /// The losses of all choices. If none of a few blurs is better than the first choice, only this and none
+    /// are tried.
     fn losses_unless_explained(&self, first: usize, level: Level) -> Vec<f32> {
         let own = self.loss(Choice::at(first), level);
         if self.least_of_probes(level) < own - BETTER {
@@ -138,7 +136,7 @@ impl BlockPair {
         self.losses_of(first, level)
     }
 
-    /// The losses where only one choice and none are tried.
+    /// The losses if only one choice and none are tried.
     fn losses_of(&self, choice: usize, level: Level) -> Vec<f32> {
         let own = self.loss(Choice::at(choice), level);
         // Choices that are not tried must not look better than those that are.
@@ -149,9 +147,10 @@ impl BlockPair {
     }
 }
 
-/// The losses of all choices on many pairs of blocks. Those of a sample are tried with all choices, if not
-/// all blocks together are sharp; the others only if something explains them better than what explains the
-/// sample best. If they are, and a few blurs are worth nothing to the sample either, no blur is tried.
+/// The losses of all choices on many pairs of blocks. Unless all blocks together are sharp, blocks of a
+/// sample are tried with all choices; the others only if some blur explains them better than the one that
+/// explains the sample best. If they are sharp, and a few blurs do not help the sample either, no blur is
+/// tried.
 pub fn searched(all: &[BlockPair], is_sample: &[bool], is_sharp: bool, level: Level) -> Vec<Vec<f32>> {
     if is_sharp {
         let sample: Vec<&BlockPair> =
@@ -171,7 +170,7 @@ pub fn searched(all: &[BlockPair], is_sample: &[bool], is_sharp: bool, level: Le
         .map(|(blocks, is_sample)| is_sample.then(|| blocks.losses(level)))
         .collect();
 
-    // What explains the sample best explains most of the others, too.
+    // The blur that explains the sample best explains most of the others, too.
     let first = first(of_sample.iter().flatten().map(Vec::as_slice)).unwrap_or(0);
 
     let of_others = all.par_iter().zip(of_sample);
@@ -187,7 +186,7 @@ mod tests {
     use super::super::response::response;
     use super::*;
 
-    /// Powers of a pair whose left block is blurred by one of the bank, or not.
+    /// Powers of a pair whose left block is blurred by an entry of the bank, or not.
     fn spectra(blur: Option<usize>, noise: f32) -> Powers {
         let scene: Vec<f32> = (0..bins().count()).map(|bin| 400.0 / (1.0 + bin as f32)).collect();
 
@@ -274,7 +273,7 @@ mod tests {
         assert_eq!(found[1], blocks[1].losses(level));
         assert!(found[0][1..].iter().all(|loss| loss.to_bits() == UNTRIED.to_bits()));
 
-        // Where a sample is sharp, too, no blur is tried.
+        // If a sample is sharp, too, no blur is tried.
         let found = searched(&blocks, &[true, false], true, level);
         assert!(found.iter().all(|losses| losses[1..].iter().all(|loss| *loss >= UNTRIED)));
     }

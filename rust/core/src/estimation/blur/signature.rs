@@ -1,7 +1,7 @@
 //! A quick comparison of the blur of a pair with that of an earlier one of the same cameras.
 //!
 //! The blocks at the places of an earlier estimate are transformed again. The quotient of their powers in
-//! both images has to be as before, in every part of the image and in every direction.
+//! both images must be unchanged, in every part of the image and in every direction.
 
 use super::bins::{DIRECTIONS, SIDE, bins};
 use super::spectrum::{BlockPlace, Powers};
@@ -9,13 +9,13 @@ use phasestereo_match::base::math;
 
 /// Parts of the image along each axis.
 const PARTS: usize = 3;
-/// Largest change of the powers of a part in a direction, nepers on average. On 13 sharp pairs and as many
-/// after a disk of 3 px: new noise never changes as much, a view that is moved by 4 px once in 26 times, by
-/// 16 px 16 times. A Gaussian of 0.7 px always does, and so does a disk that becomes one of 2.5 or 4 px, or
-/// one of 4 px in a sixteenth of the image; a disk of 3 px that becomes one of 3.5 px never does.
+/// Largest change of the powers of a part in a direction, nepers on average. On 13 sharp pairs and the same
+/// pairs after a disk of 3 px: new noise never exceeds it, a view moved by 4 px once in 26 times, by 16 px 16
+/// times. A Gaussian of 0.7 px always does, and so does a disk that changes to 2.5 or 4 px, or one of 4 px in
+/// a sixteenth of the image; a disk of 3 px that changes to 3.5 px never does.
 const SMALL: f32 = 0.3;
 
-/// Statistics of the blocks of an estimate, with which those of later pairs are compared.
+/// Statistics of the blocks of an estimate, for comparison with those of later pairs.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct BlurSignature {
     /// Places of the blocks.
@@ -59,7 +59,8 @@ impl BlurSignature {
         Self { places, excess }
     }
 
-    /// Whether the places hold blocks in an image of this many rows and columns; false without any places.
+    /// Whether blocks at these places fit in an image of this many rows and columns; false without any
+    /// places.
     pub fn fits(&self, (rows, cols): (usize, usize)) -> bool {
         let fits = |place: &BlockPlace| {
             place.top.max(place.right_top) + SIDE <= rows && place.left.max(place.right) + SIDE <= cols

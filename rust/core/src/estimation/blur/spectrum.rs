@@ -1,4 +1,4 @@
-//! Power spectra of blocks that show the same in both images.
+//! Power spectra of corresponding blocks of both images.
 
 use std::sync::OnceLock;
 
@@ -12,14 +12,14 @@ use phasestereo_match::base::plane::Plane;
 use phasestereo_match::base::simd::{Level, leveled};
 use phasestereo_match::matcher::runtime::Runtime;
 
-/// The corners of a pair of blocks that show the same.
+/// The corners of a pair of corresponding blocks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct BlockPlace {
     /// Row of the left one.
     pub top: usize,
     /// Column of the left one.
     pub left: usize,
-    /// Row of the right one: another where the rows of the images do not correspond.
+    /// Row of the right one, which differs if the rows of the images do not correspond.
     pub right_top: usize,
     /// Column of the right one.
     pub right: usize,
@@ -30,7 +30,7 @@ pub struct BlockPlace {
 pub struct Powers {
     /// Mean power in every bin, left and right.
     pub binned: [Vec<f32>; 2],
-    /// Least mean power of any direction at high frequencies, left and right.
+    /// Smallest mean power of any direction at high frequencies, left and right.
     pub least_high: [f32; 2],
 }
 
@@ -63,8 +63,8 @@ fn window() -> &'static HannWindow {
     })
 }
 
-/// Cuts out the blocks at a place as real and imaginary parts of one, subtracts their means under the window,
-/// and multiplies them by it.
+/// Cuts out the blocks at a place as the real and imaginary parts of one, subtracts their means under the
+/// window, and multiplies them by it.
 #[leveled]
 fn cut_blocks(
     level: Level,
@@ -145,8 +145,8 @@ impl Cross {
         places: &[BlockPlace],
         runtime: Runtime,
     ) -> Result<()> {
-        // Groups are summed one after another, and depend neither on the threads nor on the number of rows
-        // that are read.
+        // Groups are summed one after another, and do not depend on threads or on the number of rows that are
+        // read.
         let rows = places.chunk_by(|a, b| a.top == b.top);
         let groups: Vec<&[BlockPlace]> = rows.flat_map(|row| row.chunks(16)).collect();
 
@@ -167,7 +167,7 @@ impl Cross {
 
     fn add_pair(&mut self, spectra: &ComplexBlock) {
         let (re, im) = (spectra.re.as_flattened(), spectra.im.as_flattened());
-        // Without the scale, a few blocks of strong contrast would decide.
+        // Without the scale, a few blocks of strong contrast would dominate.
         let norms: Vec<f32> = re.iter().zip(im).map(|(re, im)| re * re + im * im).collect();
         let scale = HALF as f32 / norms.iter().sum::<f32>().max(f32::MIN_POSITIVE);
 

@@ -19,7 +19,7 @@ const DISK_SAMPLES: usize = 8;
 const MOTION_SAMPLES: f64 = 16.0;
 
 impl Taps {
-    /// A kernel with `reach` taps on either side, from values whose sum is not zero.
+    /// A kernel with `reach` taps on either side, from values with a nonzero sum.
     pub fn new(reach: usize, mut values: Vec<f64>) -> Self {
         debug_assert_eq!(values.len(), (2 * reach + 1).pow(2));
 
@@ -46,7 +46,7 @@ impl Taps {
             .map(move |(i, value)| ((i / side) as isize - reach, (i % side) as isize - reach, *value))
     }
 
-    /// The least share of texture that is left at half the highest frequency, a period of 4 pixels, along
+    /// The smallest share of texture that is left at half the highest frequency, a period of 4 pixels, along
     /// rows, columns and both diagonals.
     pub fn least_response(&self) -> f64 {
         let along = |down: f64, across: f64| {
@@ -71,14 +71,14 @@ impl Taps {
         (down + across).max(0.0).sqrt()
     }
 
-    /// The standard deviation in the direction in which it is least, pixels: nearly 0 of a motion.
+    /// The standard deviation in the direction where it is smallest, pixels: nearly 0 for a motion.
     pub fn least_spread(&self) -> f64 {
         let [down, across, both] = self.moments();
         let least = f64::midpoint(down, across) - math::hypot((down - across) / 2.0, both);
         least.max(0.0).sqrt()
     }
 
-    /// The second moments about the mean, which need not be the center: down, across, and of both.
+    /// The second moments around the mean, which may differ from the center: down, across, and mixed.
     fn moments(&self) -> [f64; 3] {
         let moment = |of: &dyn Fn(f64, f64) -> f64| -> f64 {
             self.places().map(|(dy, dx, value)| value * of(dy as f64, dx as f64)).sum()
@@ -104,7 +104,7 @@ pub fn gaussian(sigma: f64) -> Taps {
     Taps::new(reach, rows.collect())
 }
 
-/// An annulus, or a disk where `inner` is 0, integrated over each pixel: samples are counted.
+/// An annulus, or a disk if `inner` is 0, integrated over each pixel by counting samples.
 pub fn annulus(radius: f64, inner: f64) -> Taps {
     let reach = (radius - 0.5).ceil().max(0.0) as usize;
     let side = 2 * reach + 1;
@@ -124,7 +124,7 @@ pub fn annulus(radius: f64, inner: f64) -> Taps {
         }
     }
 
-    // Between two samples there may be no sample: that is not a blur.
+    // If no sample lies between the radii, there is no blur.
     if values.iter().all(|value| *value == 0.0) {
         values[side * side / 2] = 1.0;
     }

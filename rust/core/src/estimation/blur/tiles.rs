@@ -1,4 +1,4 @@
-//! Square tiles of an image, each with the block about its center.
+//! Square tiles of an image, each with the block around its center.
 
 use super::bins::SIDE;
 
@@ -37,7 +37,7 @@ impl Tiling {
         (center(y, self.image.0), center(x, self.image.1))
     }
 
-    /// The first pixel of the block about the center of a tile, moved inside the image.
+    /// The first pixel of the block around the center of a tile, moved inside the image.
     pub fn corner(&self, place: (usize, usize)) -> (usize, usize) {
         let (y, x) = self.center(place);
         let first = |center: usize, length: usize| center.saturating_sub(SIDE / 2).min(length - SIDE);

@@ -83,7 +83,7 @@ fn transform_block(level: Level, work: &mut Scratch, content: Content) {
     }
 }
 
-/// Values of one axis, for as many columns or rows as there are lanes.
+/// Values along one axis, for one column or row per lane.
 struct Strip {
     re: [FloatLanes; SIDE],
     im: [FloatLanes; SIDE],
@@ -173,7 +173,7 @@ impl Strip {
         self.join::<16>(turns);
     }
 
-    /// Joins every four transforms of `PART` values to one.
+    /// Joins every four transforms of `PART` values into one.
     #[inline(always)]
     fn join<const PART: usize>(&mut self, turns: &Turns) {
         for first in (0..SIDE).step_by(4 * PART) {
@@ -235,7 +235,7 @@ fn turns() -> &'static Turns {
     })
 }
 
-/// A place with its three digits to the base of 4 reversed.
+/// A place with its three base-4 digits reversed.
 #[inline(always)]
 const fn reversed(place: usize) -> usize {
     place % 4 * 16 + place / 4 % 4 * 4 + place / 16
@@ -268,7 +268,7 @@ mod tests {
         work.block
     }
 
-    /// By its definition, along one axis after the other: coefficients [ky][kx].
+    /// By definition, along one axis after the other: coefficients [ky][kx].
     fn naive(re: &[f32], im: &[f32]) -> Vec<(f64, f64)> {
         let along = |values: &[(f64, f64)]| -> Vec<(f64, f64)> {
             let coefficient = |k: usize| {
@@ -294,7 +294,7 @@ mod tests {
         turned(turned(rows).chunks(SIDE).flat_map(along).collect())
     }
 
-    /// Coefficients have magnitudes of 50 or so.
+    /// Coefficients have magnitudes of about 50.
     const TOLERANCE: f64 = 1e-4;
 
     #[track_caller]

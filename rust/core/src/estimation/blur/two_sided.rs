@@ -1,4 +1,4 @@
-//! Blur of both images in the same place: each of them lacks something that the other one has, as after a
+//! Blur of both images in the same place: each of them has detail that is missing in the other, as after a
 //! shake that moved both cameras differently.
 //!
 //! With the responses A of the left and B of the right blur, every bin has
@@ -7,16 +7,16 @@
 //! left - its noise = gain x A / B x (right - its noise)
 //! ```
 //!
-//! If B is known, that is the model of one blur (`fit`) whose sharper image is right / B. So all pairs of the
-//! bank are fitted first, then either blur is refined by turns while the other one is kept. Of two Gaussians
-//! only the difference is seen, which is a blur of one image.
+//! If B is known, this is the model of one blur (`fit`) with right / B as the sharper image. So all pairs of
+//! the bank are fitted first, then the blurs are refined in turn while the other one is kept. Of two
+//! Gaussians only the difference is visible, which is a blur of one image.
 
 use super::bank::{Entry, bank};
 use super::fit::{BlurEvidence, BlurFit};
 use super::refine::refine;
 use phasestereo_match::base::simd::Level;
 
-/// How often both blurs are refined by turns.
+/// How often both blurs are refined in turn.
 const ROUNDS: usize = 3;
 
 /// The blurs of both images, and how well they explain the evidence.
@@ -24,7 +24,7 @@ const ROUNDS: usize = 3;
 pub struct TwoSided {
     /// The blurs of the left and of the right image.
     pub entries: [Entry; 2],
-    /// How well that of the left image explains the evidence given the other one, and the other way round.
+    /// The fit of the left image's blur given the other one, and the other way round.
     pub fits: [BlurFit; 2],
 }
 
@@ -35,7 +35,7 @@ impl TwoSided {
     }
 }
 
-/// The pair of blurs that explains best what the left and the right image lack.
+/// The pair of blurs that best explains the missing detail of the left and the right image.
 pub fn find_two_sided(evidence: &[BlurEvidence; 2], level: Level) -> Option<TwoSided> {
     let [mut left, mut right] = searched(evidence, level)?.map(Entry::clone);
 

@@ -1,16 +1,16 @@
-//! How the gray levels of two images correspond: gain and gamma between windows that show the same.
+//! How the gray levels of two images correspond: gain and gamma between windows that show the same things.
 //!
-//! Means over windows of the reduced copies are compared, so that a few pixels of error in the disparities,
-//! noise, or blur in one of the images matter little:
+//! Means over windows of the reduced copies are compared, so that disparities off by a few pixels, noise, or
+//! blur in one of the images matter little:
 //!
 //! ```text
 //! left = gain right^gamma, black 0 to white 1
-//! mean of right^gamma ~ m^gamma (1 + gamma (gamma - 1) / 2 (s / m)^2)      m, s: mean and standard deviation of a window
+//! mean of right^gamma ~ m^gamma (1 + gamma (gamma - 1) / 2 (s / m)^2)   m, s: mean, deviation of a window
 //! ```
 //!
-//! Gauss-Newton on the logarithm of the gain and on gamma, weighted for absolute deviations first, to come
-//! near from anywhere, then by Tukey's biweight, which ignores outliers. Windows that may be clipped are left
-//! out. A prior keeps gamma near 1 where the windows do not determine it. All sums are in the order of the
+//! It uses Gauss-Newton on the logarithm of the gain and on gamma, weighted first for absolute deviations, to
+//! come near from anywhere, then by Tukey's biweight, which ignores outliers. Windows that may be clipped are
+//! left out. A prior keeps gamma near 1 if the windows do not determine it. All sums are in the order of the
 //! windows.
 
 use super::LightScale;
@@ -19,44 +19,43 @@ use phasestereo_match::base::linear::Normal;
 use phasestereo_match::base::math;
 use phasestereo_match::base::statistics::{deviation, median, ranked, robust_weight};
 
-/// Side of a cell, pixels of the copy. Of its rows, every other one is looked at.
+/// Side of a cell, pixels of the copy. Every other row of it is sampled.
 const CELL: usize = 4;
 /// Cells along the side of a window: little light moves across the border of this many pixels.
 const CELLS: usize = 3;
 /// Distance of windows, cells.
 const STRIDE: usize = 2;
-/// Pixels of a window that are looked at.
+/// Sampled pixels of a window.
 const WINDOW: usize = CELLS * CELL * CELLS * CELL / 2;
-/// Of the pixels of the copy, every one of this many has a part in the percentiles: prime, so that they lie
-/// in all columns.
+/// Every this many pixels of the copy, one enters the percentiles: a prime, so that they lie in all columns.
 const EVERY: usize = 7;
 /// Pixels of the right image beyond these fractions may be clipped.
 const USABLE: [f64; 2] = [0.005, 0.985];
-/// Windows of which so much is known are used.
+/// Windows are used if at least this share is known.
 const LEAST_KNOWN: f64 = 0.5;
 /// Fewest windows to fit to.
 const LEAST_WINDOWS: usize = 12;
 /// Windows that reach this fraction may be clipped: in the left image,
 const TOP: f64 = 0.95;
-/// ... and as the fit expects it, which does not favor windows by their noise.
+/// ... and in the prediction of the fit, which does not favor windows by their noise.
 const FITTED_TOP: f64 = 0.9;
 /// The brightest pixels of a window are this many standard deviations above its mean.
 const ABOVE_MEAN: f64 = 1.5;
 /// Residual of a window without contrast, as a fraction.
 const TOLERANCE: f64 = 0.004;
-/// The share of a window's variance by which its pixels may be misplaced.
+/// The share of a window's variance that misplaced pixels may cause.
 const UNEVEN: f64 = 0.1;
 /// Least and largest gamma.
 const GAMMAS: [f64; 2] = [0.2, 5.0];
-/// Standard deviation of gamma about 1, where windows do not determine it.
+/// Standard deviation of gamma about 1, if windows do not determine it.
 const PRIOR: f64 = 0.5;
 /// Windows that share each pixel.
 const OVERLAP: f64 = 2.0;
-/// Steps, and how many of them are for absolute deviations.
+/// Steps, and how many of them use absolute deviations.
 const STEPS: (usize, usize) = (30, 8);
 /// Longest change of a parameter in a step.
 const LONGEST: f64 = 0.3;
-/// A change that is too small for another step.
+/// A change too small for another step.
 const SETTLED: f64 = 1e-5;
 /// Fractions between which the typical gray level lies.
 const GRAYS: [f64; 2] = [0.02, 0.98];
@@ -68,14 +67,14 @@ pub struct Contrast {
     pub gain: f64,
     /// The exponent.
     pub gamma: f64,
-    /// The left gray level over the right one, at the right image's median.
+    /// The left gray level divided by the right one, at the right image's median.
     pub ratio: f64,
-    /// The same at the tenth and the ninetieth percentile: they differ where gamma does, as far as there are
-    /// such grays.
+    /// The same at the tenth and the ninetieth percentile: they differ if gamma differs from 1, as far as
+    /// there are such grays.
     pub ends: [f64; 2],
 }
 
-/// A pair of windows that show the same.
+/// A pair of windows that show the same things.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct WindowPair {
     /// Means.
@@ -90,8 +89,8 @@ struct WindowPair {
 }
 
 impl Contrast {
-    /// The contrast of the copies, whose right pixels correspond as the rough map says; `None`: too few
-    /// windows do.
+    /// The contrast of the copies, with right pixels matched by the rough map; `None`: too few windows
+    /// correspond.
     pub(super) fn new(overview: &Overview, rough: &RoughMap, scales: &[LightScale; 2]) -> Option<Self> {
         let windows = windows(overview, rough, scales);
         let is_unclipped = |window: &&WindowPair| window.left + ABOVE_MEAN * window.left_spread < TOP;
@@ -176,7 +175,7 @@ impl ResponseSums {
         }
     }
 
-    /// The statistics; `None` where too little is known.
+    /// The statistics; `None` if too little is known.
     fn window(&self) -> Option<WindowPair> {
         if self.count < LEAST_KNOWN * WINDOW as f64 {
             return None;
@@ -192,7 +191,8 @@ impl ResponseSums {
 }
 
 impl WindowPair {
-    /// The left mean that a fit expects, and how far it may be off: far where there is an edge in the window.
+    /// The left mean that a fit predicts, and its tolerance, which is large if there is an edge in the
+    /// window.
     fn expected(&self, gain: f64, gamma: f64) -> (f64, f64) {
         let power = gain * math::exp(gamma * self.log);
         // The mean of a power differs from the power of the mean; this is right to the second order in the
@@ -204,7 +204,7 @@ impl WindowPair {
         (mean, TOLERANCE * TOLERANCE + UNEVEN * spread * spread)
     }
 
-    /// Whether a fit expects that the window is not clipped.
+    /// Whether the window is not clipped, according to a fit.
     fn is_below_top(&self, gain: f64, gamma: f64) -> bool {
         gain * math::exp(gamma * self.log_brightest) < FITTED_TOP
     }
@@ -276,7 +276,7 @@ mod tests {
         0.05 + 0.85 * f64::from(hash) / 65536.0
     }
 
-    /// The contrast of a pair whose left image is a function of the place and of its gray.
+    /// The contrast of a pair whose left image is a function of the place and of its gray value.
     fn found(
         left: impl Fn(usize, usize, f64) -> f64,
         disparity: &dyn Fn(usize, usize) -> f32,
@@ -296,7 +296,7 @@ mod tests {
             let power = |gray: f64| gain * math::exp(gamma * math::ln(gray));
             let clipped = |_, _, gray| f64::min(power(gray), 1.0);
 
-            // Errors here and there, and nothing known of a part.
+            // Scattered errors, and a part where nothing is known.
             let disparity = |y: usize, x: usize| match (y, (7 * x + 13 * y) % 11) {
                 (0..40, _) => f32::NAN,
                 (_, 0) => -30.0,

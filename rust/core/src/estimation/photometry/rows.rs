@@ -3,8 +3,8 @@
 //! ```text
 //! flat:      a run of n = 16 pixels with n sum v^2 - (sum v)^2 < (n deviation)^2
 //! smeared:   mean of |v[x - 1] - 2 v[x] + v[x + 1]| < 0.4 mean of |v[x] - v[x - 4]|
-//! repeated:  a[k] = sum over 96 pixels of |v[x] - v[x + k]|,  k = 1..64, or to the longest period that misleads
-//!            a rises to its largest value, and falls again to less than a quarter of that, both less what noise adds
+//! repeated:  a[k] = sum over 96 pixels of |v[x] - v[x + k]|,  k = 1..64, or to the longest misleading period
+//!            a rises to its largest value and falls below a quarter of that, both minus the effect of noise
 //! fields:    f[k] = sum over x of |even[x] - odd[x + k]| + |odd[x] - even'[x - k]|,  even' the next even row
 //! ```
 //!
@@ -19,13 +19,13 @@ const FAR: usize = 4;
 /// Bends below this share of the steps are those of a smooth curve. Medians of the quotient: 21 sharp images
 /// 0.42 to 0.76; under H.264 of quality 33 and 38 0.26 to 0.37, under a disk of radius 3 0.15.
 const SMOOTH: f64 = 0.4;
-/// Pixels that are compared with those some way on.
+/// Pixels that are compared with those at a distance.
 const WINDOW: usize = 96;
-/// Longest period that is seen, pixels.
+/// Longest period that is detected, pixels.
 const LONGEST: usize = 64;
-/// What a repetition leaves of the largest difference.
+/// Largest share of the largest difference that a repetition leaves.
 const LEFT: f64 = 0.25;
-/// The mean of the difference of two values with noise, in standard deviations of it.
+/// The mean difference of two noisy values, in standard deviations of the noise.
 const MEAN_OF_NOISE: f64 = 1.13;
 /// Differences that are summed in 32 bits; each has 15 bits at most.
 const SUMMED: usize = 4096;
@@ -37,11 +37,11 @@ pub const FIELD_REACH: usize = 12;
 pub struct Runs {
     /// All.
     pub all: u64,
-    /// Those without texture.
+    /// Runs without texture.
     pub flat: u64,
-    /// Those with enough of it to judge whether it is smeared.
+    /// Runs with enough texture to judge whether it is smeared.
     pub textured: u64,
-    /// Those of these that are.
+    /// Those among them that are smeared.
     pub smeared: u64,
 }
 
@@ -88,7 +88,7 @@ fn count_runs(level: Level, runs: &[[i32; RUN]], flat: i64, textured: i64) -> Ru
         for x in FAR..RUN {
             steps += run[x].abs_diff(run[x - FAR]);
         }
-        // Means: there are two bends less than pixels, and FAR steps less.
+        // Means: there are two fewer bends than pixels, and FAR fewer steps.
         let is_smeared =
             f64::from(bends) * ((RUN - FAR) as f64) < SMOOTH * f64::from(steps) * ((RUN - 2) as f64);
         count.textured += 1;
@@ -97,9 +97,9 @@ fn count_runs(level: Level, runs: &[[i32; RUN]], flat: i64, textured: i64) -> Ru
     count
 }
 
-/// The number of windows of a row that come back further on, and of all windows. `noise` is the standard
-/// deviation of the noise; what differs by less than `least` has no texture; periods longer than `period` do
-/// not count.
+/// The number of windows of a row that recur further on, and of all windows. `noise` is the standard
+/// deviation of the noise; differences below `least` are not texture; periods longer than `period` do not
+/// count.
 pub fn repeated_windows(row: &[i32], noise: f64, least: f64, period: usize, level: Level) -> [u64; 2] {
     let windows = row.windows(WINDOW + LONGEST).step_by(WINDOW);
 
@@ -117,7 +117,7 @@ pub fn repeated_windows(row: &[i32], noise: f64, least: f64, period: usize, leve
     [windows.filter(|part| repeats(part)).count() as u64, all]
 }
 
-/// The sums of differences between the first pixels and those some way on.
+/// The sums of differences between the first pixels and those at each distance.
 #[leveled]
 fn row_differences(level: Level, row: &[i32]) -> [u32; LONGEST] {
     let first = &row[..WINDOW];
@@ -131,7 +131,7 @@ fn row_differences(level: Level, row: &[i32]) -> [u32; LONGEST] {
 }
 
 /// The differences between an even row, the odd one below and the even one below that, by the shift of the
-/// odd row, from `-FIELD_REACH` on; all 0 where rows are too short.
+/// odd row, starting at `-FIELD_REACH`; all 0 if rows are too short.
 #[leveled]
 pub fn field_differences(level: Level, rows: [&[i32]; 3]) -> [u64; 2 * FIELD_REACH + 1] {
     let [even, odd, next] = rows;

@@ -1,19 +1,19 @@
 //! Robust fits of fields of vertical offsets to blocks: iteratively reweighted least squares, first of
 //! absolute deviations, then with Tukey's biweight.
 //!
-//! The spline of the row has more factors than some images have blocks to determine them, so it has a prior:
-//! its factors, and with more or less weight their second differences, are normal with the mean 0. Where few
-//! blocks are, the spline is what its neighbors say, and goes to 0 with them. How wide and how smooth it is
-//! are those values under which the blocks are most probable, the factors integrated out (Bayesian
-//! interpolation, Neural Computation 4, 1992):
+//! The spline of the row has more factors than the blocks of some images determine, so it has a prior: its
+//! factors, and with more or less weight their second differences, are normal with mean 0. Where blocks are
+//! few, the spline follows its neighbors, and goes to 0 with them. Its width and smoothness are the values
+//! under which the blocks are most probable, with the factors integrated out (Bayesian interpolation, Neural
+//! Computation 4, 1992):
 //!
 //! ```text
 //! A = sum of t t' / variance over the blocks;  b = sum of t dy / variance;  P = (1 + smooth D' D) / width^2
 //! evidence(width, smooth) = (log |P| - log |A + P| + b' (A + P)^-1 b) / 2
 //! ```
 //!
-//! The evidence of a spline is that of the best of them less that of the smooth field alone: the logarithm of
-//! by how much more probable the blocks are with the spline.
+//! The evidence of a spline is that of the best of them minus that of the smooth field alone: the logarithm
+//! of how much more probable the blocks are with the spline.
 
 use std::array::from_fn;
 
@@ -24,7 +24,7 @@ use phasestereo_match::base::statistics::{deviation, robust_weight};
 use phasestereo_match::pair::alignment::sway::{self, INTERVALS, KNOTS, mean_weights};
 use phasestereo_match::pair::alignment::{TERMS, places, terms};
 
-/// Reweightings, and how many of them are for absolute deviations.
+/// Reweightings, and how many of them use absolute deviations.
 const STEPS: (usize, usize) = (20, 6);
 /// Least robust standard deviation: no correlation is more exact, pixels.
 const FLOOR: f64 = 0.02;
@@ -53,7 +53,7 @@ pub struct Equation {
 }
 
 impl Equation {
-    /// The equation of a block in copies, reduced by a factor, of images of this many rows and columns.
+    /// The equation of a block in copies, reduced by a factor, of images with this many rows and columns.
     pub fn of_track(Track { place, weight }: &Track, (rows, cols): (usize, usize), factor: usize) -> Self {
         // Fields are functions of places from -1 to 1 of the right image, splines of shares of the height. A
         // block shows the mean over its rows.
@@ -69,18 +69,18 @@ impl Equation {
         }
     }
 
-    /// The offset less that of a smooth field with these coefficients.
+    /// The offset minus that of a smooth field with these coefficients.
     pub fn residual(&self, coefficients: &[f64; TERMS]) -> f64 {
         self.value - coefficients.iter().zip(self.terms).map(|(a, b)| a * b).sum::<f64>()
     }
 }
 
-/// What is fitted.
+/// The model to fit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Model {
-    /// The first terms of the smooth field, as many.
+    /// The number of terms of the smooth field, from the first on.
     pub smooth: usize,
-    /// Whether there is a spline of the row, too.
+    /// Whether it includes a spline of the row.
     pub sways: bool,
     /// Ratio of the variance of a mean over points to that over independent ones.
     pub excess: f64,
@@ -118,7 +118,7 @@ impl Model {
         row
     }
 
-    /// Fits the field; `None` where it is not determined.
+    /// Fits the field; `None` if it is not determined.
     pub fn fitted(&self, points: &[Equation]) -> Option<RobustFit> {
         let rows: Vec<[f64; MOST]> = points.iter().map(|point| self.row(&point.terms, &point.sway)).collect();
         let mut weights: Vec<f64> = points.iter().map(|point| point.weight).collect();
@@ -129,8 +129,7 @@ impl Model {
         for step in 0..STEPS.0 {
             let mut normal = normal(&rows, points, &weights, self.count());
             if self.sways {
-                // At first the spread is not known, which a spline that is as wide as can be hardly depends
-                // on.
+                // At first the spread is unknown, but a spline of the largest width hardly depends on it.
                 if step == 1 || step == STEPS.1 || step + 1 == STEPS.0 {
                     prior = Some(self.most_probable(&rows, points, &weights, spread)?.1);
                 }
@@ -170,8 +169,8 @@ impl Model {
         Some(RobustFit { coefficients, sway, spread, agreeing, error, errors, weights })
     }
 
-    /// The factors of the smooth terms, and those of the spline, of which the line through it goes to the
-    /// smooth terms: only their sum is determined.
+    /// The factors of the smooth terms, and those of the spline, whose linear part moves to the smooth terms:
+    /// only their sum is determined.
     fn parted(&self, solution: &[f64; MOST]) -> ([f64; TERMS], [f64; KNOTS]) {
         let mut coefficients: [f64; TERMS] = from_fn(|at| if at < self.smooth { solution[at] } else { 0.0 });
         let mut sway = [0.0; KNOTS];
@@ -180,7 +179,7 @@ impl Model {
         }
 
         sway.copy_from_slice(&solution[self.smooth..][..KNOTS]);
-        // Of a sum over places that are symmetrical, shift and slope are determined one by one.
+        // In a sum over symmetrical places, shift and slope are determined separately.
         let (mut sums, mut squares) = ([0.0; 2], [0.0; 2]);
         for (_, y) in places() {
             let offset = sway::at(&sway, 0.5 * (y + 1.0));
@@ -213,13 +212,13 @@ impl Model {
         spread * (self.excess * mean).sqrt()
     }
 
-    /// The variance of a point of weight 1 if points with these weights have that spread.
+    /// The variance of a point of weight 1, if points with these weights have this spread.
     fn noise(&self, spread: f64, weights: &[f64]) -> f64 {
         let positive = weights.iter().filter(|weight| **weight > 0.0).count().max(1);
         self.excess * spread * spread * weights.iter().sum::<f64>() / positive as f64
     }
 
-    /// The evidence for a spline of the row beside the smooth terms of a fit.
+    /// The evidence for a spline of the row in addition to the smooth terms of a fit.
     pub fn evidence(&self, points: &[Equation], fit: &RobustFit) -> f64 {
         let rows: Vec<[f64; MOST]> = points.iter().map(|point| self.row(&point.terms, &point.sway)).collect();
         self.most_probable(&rows, points, &fit.weights, fit.spread).map_or(0.0, |found| found.0)
@@ -266,7 +265,7 @@ impl RobustFit {
     }
 }
 
-/// What is thought of the factors of the spline before blocks are seen.
+/// The prior of the factors of the spline, before any blocks.
 struct Prior {
     /// The inverse of their covariance.
     precision: [[f64; KNOTS]; KNOTS],
@@ -275,7 +274,7 @@ struct Prior {
 }
 
 impl Prior {
-    /// Those that are tried.
+    /// All priors to try.
     fn all() -> impl Iterator<Item = Self> {
         SMOOTHNESS.into_iter().flat_map(|smooth| {
             let unit = Self::new(smooth);
@@ -283,12 +282,12 @@ impl Prior {
         })
     }
 
-    /// The one that says least.
+    /// The least informative one.
     fn widest() -> Self {
         Self::new(0.0).scaled(WIDTHS[WIDTHS.len() - 1])
     }
 
-    /// The one of width 1 with this weight of the second differences.
+    /// The one with width 1 and this weight of the second differences.
     fn new(smooth: f64) -> Self {
         let mut precision = [[0.0; KNOTS]; KNOTS];
         for (knot, row) in precision.iter_mut().enumerate() {
@@ -308,7 +307,7 @@ impl Prior {
         Self { precision, half_logarithm }
     }
 
-    /// Adds it to equations in which the factors of the spline begin after the smooth terms.
+    /// Adds it to equations in which the factors of the spline come after the smooth terms.
     fn add_to(&self, normal: &mut Normal<MOST>, smooth: usize, weight: f64) {
         for (row, values) in normal.matrix[smooth..].iter_mut().zip(&self.precision) {
             for (sum, value) in row[smooth..].iter_mut().zip(values) {
@@ -334,12 +333,12 @@ fn normal(rows: &[[f64; MOST]], points: &[Equation], weights: &[f64], count: usi
     normal
 }
 
-/// The factor of equations; `None` where the points do not determine the smooth terms.
+/// The factor of equations; `None` if the points do not determine the smooth terms.
 fn factor(normal: &Normal<MOST>, smooth: usize) -> Option<Cholesky<MOST>> {
     normal.factor().filter(|factor| factor.condition(smooth) < LARGEST_CONDITION)
 }
 
-/// Logarithm of the probability of the points, without what all models share.
+/// Logarithm of the probability of the points, without the part that all models share.
 fn probability(normal: &Normal<MOST>, smooth: usize) -> Option<f64> {
     let factor = factor(normal, smooth)?;
     Some(factor.variance(normal.target) / 2.0 - factor.half_log_determinant())
@@ -367,7 +366,7 @@ mod tests {
         (1..200).map(point).collect()
     }
 
-    /// The same with noise and waves in rows whose share of the height is in a range.
+    /// The same, with noise, and with waves in rows whose share of the height is in a range.
     fn waving(height: f64, rows: std::ops::Range<f64>) -> Vec<Equation> {
         let mut points = points(&[1.5, -2.0, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0], 200);
         points.retain(|point| rows.contains(&(0.5 * (point.terms[2] + 1.0))));
@@ -425,7 +424,7 @@ mod tests {
             assert!((value(&fit, y) - exact).abs() < 0.1, "{y}");
         }
 
-        // The upper half alone: the lower one is unknown, and said to be.
+        // Only the upper half: the lower one is unknown, and reported as such.
         let fit = SWAYING.fitted(&waving(0.8, 0.0..0.5)).expect("enough points");
         assert!(fit.errors[2] < 0.1 && fit.errors[13] > 0.5, "{:?}", fit.errors);
         assert!(fit.sway.iter().all(|factor| factor.abs() < 4.0), "{:?}", fit.sway);
