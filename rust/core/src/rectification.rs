@@ -1,18 +1,19 @@
-//! Rectification of a raw pair from its images alone: the cameras that bring the rows of both together.
+//! Rectification of a raw pair from its images alone: it finds the cameras that align the rows of both.
 //!
 //! 1. Corners of both images are described by codes and matched ([`corners`], [`codes`], [`mod@matches`]).
-//! 2. Those that agree on one way that the cameras look are kept ([`consensus`]); where few do, one image is
-//!    tried turned.
-//! 3. Fourteen numbers of two cameras are fitted to them ([`cameras`], [`fit`]). Where a pair is rectified only
-//!    if it needs to be, they explain the rows of these corners better than equal rows do, by evidence.
-//! 4. Both images are rectified by those, and blocks of them correlated ([`blocks`]), which are more exact
-//!    than corners; the numbers are fitted again, and all of this is repeated until they stay.
-//! 5. The rectified images are moved so that things stay about where they were, and so that disparities are
+//! 2. Matches that agree on one viewing direction of the cameras are kept ([`consensus`]); if few do, one
+//!    image is tried turned.
+//! 3. Fourteen numbers that describe two cameras are fitted to them ([`cameras`], [`fit`]). If a pair is to
+//!    be rectified only when needed, the cameras must explain the rows of these corners better than equal
+//!    rows do, by evidence.
+//! 4. Both images are rectified by these cameras, and blocks of them are correlated ([`blocks`]), which are
+//!    more exact than corners; the numbers are fitted again. This step is repeated until they are stable.
+//! 5. The rectified images are moved so that objects stay about where they were, and so that disparities are
 //!    positive.
 //!
-//! A pair of which too little agrees is not rectified: a wrong rectification is worse than none. Several
-//! pairs of the same cameras are matched each by itself, and fitted together. Everything is computed in a
-//! fixed order.
+//! If too little of a pair agrees, it is not rectified: a wrong rectification is worse than none. Several
+//! pairs of the same cameras are matched separately and fitted together. Everything is computed in a fixed
+//! order.
 
 pub mod axis;
 pub mod blocks;
@@ -52,7 +53,7 @@ use phasestereo_match::image::view::View;
 use phasestereo_match::matcher::runtime::Runtime;
 use phasestereo_match::pair::Pair;
 
-/// Wider images are reduced: their rows are found as exactly as in this many columns.
+/// Wider images are reduced: their rows are determined as exactly as with this many columns.
 const MOST_COLUMNS: usize = 1600;
 
 /// Fewest corners of an image; fewest matches that agree, and as a share of all.
@@ -60,95 +61,96 @@ const LEAST_CORNERS: usize = 72;
 const LEAST_AGREEING: (usize, f64) = (45, 0.30);
 /// With this many agreeing matches, and this share of all, no image is tried turned.
 const ENOUGH: (usize, f64) = (60, 0.5);
-/// By how much the right image is tried turned, degrees.
+/// Angles by which the right image is tried turned, degrees.
 const TURNS: [f64; 2] = [24.0, -24.0];
 /// Fewest blocks to fit to, and fewest of a result.
 const LEAST_BLOCKS: (usize, usize) = (40, 60);
-/// From such a spread on other cameras than those that explain the corners best are tried, too; pixels, and
+/// At this spread or more, cameras other than those that explain the corners best are tried, too; pixels, and
 /// share of the width.
 const DOUBTFUL: (f64, f64) = (0.25, 0.00025);
-/// Most rounds of blocks; the share of their spread that the last one moves them by: which blocks are found
-/// moves them by .1 to .2 of it. With .1 px instead, pairs turned by 15 degrees have .8 points more errors.
+/// Most rounds of blocks; the share of their spread by which the last round may move them: the selection of
+/// blocks alone moves them by .1 to .2 of it. With .1 px instead, pairs turned by 15 degrees have .8 points
+/// more errors.
 const ROUNDS: usize = 8;
 const STILL: f64 = 0.2;
-/// Matches agree if their rows are at most this many spreads apart, or such a share of the width.
+/// Matches agree if their rows are at most this many spreads apart, or this share of the width.
 const AGREE: (f64, f64) = (4.0, 0.003);
 /// Largest share of blocks where the distortion folds the image.
 const FOLDED: f64 = 0.05;
 /// Largest spread of the rows of blocks, pixels of an image of up to 1000 columns, and as a share of wider
 /// ones.
 const SPREAD: (f64, f64) = (1.5, 0.0015);
-/// Disparities apart from others by such a share of the width are mistakes, if they are fewer than such a
+/// Disparities separated from others by this share of the width are mistakes, if they are fewer than this
 /// share of all.
 const APART: (f64, f64) = (0.03, 0.05);
-/// The errors of rows are worked out at this many places along each side of the image, at these shares of the
-/// disparities; what no averaging removes of them, pixels; and the largest that is accepted, pixels of an
-/// image of up to 1000 columns.
+/// The errors of rows are evaluated at this many places along each side of the image, at these shares of the
+/// disparities; the part of them that averaging cannot remove, pixels; and the largest that is accepted,
+/// pixels of an image of up to 1000 columns.
 const PLACES: usize = 16;
 const ENDS: [f64; 3] = [0.02, 0.5, 0.98];
 const BIAS: f64 = 0.03;
 const LARGEST_ERROR: f64 = 1.0;
-/// The share of the disparities below the least one that counts. Negative ones beyond such a share of the
-/// width are made positive, and begin at another.
+/// The share of disparities that lie below the smallest one that counts. Negative ones beyond this share of
+/// the width are made positive, and begin at another.
 const LEAST_SHARE: f64 = 0.01;
 const NEGATIVE: (f64, f64) = (0.01, 0.02);
 
 /// The longest focal length of toed-in cameras, in widths of the image.
 const LONGEST: f64 = 1.5;
-/// The term of rows, `x y`, that a camera has which is turned towards the other.
+/// The term of rows, `x y`, of a camera that is turned toward the other.
 pub const TWIST: usize = 3;
 
-/// What becomes of disparities that are negative.
+/// The treatment of negative disparities.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Negative {
     /// They stay.
     Kept,
-    /// Columns are moved so that they are positive, if the cameras are toed in; of images that are exchanged
-    /// they stay.
+    /// Columns are moved so that they are positive, if the cameras are toed in; for exchanged images they
+    /// stay.
     MovedIfToedIn,
     /// Columns are moved so that they are positive.
     Moved,
 }
 
-/// What a pair is rectified for.
+/// The purpose of a rectification.
 #[derive(Debug, Clone, Copy)]
 pub struct Aim {
-    /// What becomes of disparities that are negative.
+    /// The treatment of negative disparities.
     pub negative: Negative,
-    /// Whether a pair is left alone whose corners do not show that its rows differ.
+    /// Whether a pair is left alone if its corners do not show that its rows differ.
     pub is_only_if_needed: bool,
 }
 
 impl Aim {
-    /// The rectification that was asked for.
+    /// An explicitly requested rectification.
     const ASKED: Self = Self { negative: Negative::MovedIfToedIn, is_only_if_needed: false };
 }
 
 /// A pair that was rectified.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Rectification {
-    /// The cameras, with how the rectified images are moved.
+    /// The cameras, including the shifts of the rectified images.
     pub cameras: Cameras,
-    /// Matched corners, and those of them that agree.
+    /// Numbers of matched corners, and of those that agree.
     pub matches: [usize; 2],
     /// Blocks that the last fit uses.
     pub blocks: usize,
-    /// By how many rows these blocks differ in the raw images, rms in pixels.
+    /// The row differences of these blocks in the raw images, rms in pixels.
     pub rows: f64,
     /// The same in the rectified images.
     pub rms: f64,
-    /// By how much rows may differ by what the blocks determine, rms in pixels over what both images show.
+    /// The uncertainty of the rows that the blocks leave, rms in pixels over the area that both images show.
     pub error: f64,
-    /// The disparities of the rectified images: almost the least, the median and almost the largest.
+    /// The disparities of the rectified images: nearly the smallest, the median and nearly the largest.
     pub disparities: [f64; 3],
     /// How many pairs were used.
     pub pairs: usize,
     /// Whether the right images had to be inverted.
     pub is_inverted: bool,
-    /// By how many columns the right image was moved so that disparities are positive.
+    /// The columns by which the right image was moved so that disparities are positive.
     pub moved: f64,
-    /// By how many pixels each lens moves what is at half the width from the middle, outward, and the
-    /// standard error.
+    /// How many pixels each lens moves a point at half the width from the middle, outward, and the standard
+    /// error.
     pub distortion: [(f64, f64); 2],
 }
 
@@ -162,17 +164,17 @@ pub enum Refusal {
     Matches([usize; 2]),
     /// Rows of corners correspond about as well without cameras.
     NotNeeded,
-    /// Things move along other lines than rows by their distance.
+    /// Disparities are along lines other than rows.
     Axis(Axis),
     /// Too few blocks are found in both rectified images.
     Blocks(usize),
-    /// The lenses that fit best would show some things twice.
+    /// The best-fitting lenses would show some things twice.
     Folds,
-    /// Rows stay apart by this many pixels.
+    /// Rows remain apart by this many pixels.
     Rows(f64),
-    /// Rows would be known to this many pixels.
+    /// Rows would be uncertain by this many pixels.
     Uncertain(f64),
-    /// The budget has no time to find out.
+    /// The budget leaves no time to find out.
     Late,
 }
 
@@ -203,7 +205,7 @@ impl fmt::Display for Refusal {
 /// The gray images of pairs: left and right.
 pub type Grays = [Plane<f32>; 2];
 
-/// Rectifies pairs of views of the same cameras, of which the right ones may be negatives.
+/// Rectifies pairs of views from the same cameras; the right ones may be negatives.
 pub fn rectify_views(pairs: &[Pair], runtime: Runtime) -> Result<Rectification> {
     let mut grays = Vec::with_capacity(pairs.len());
     for pair in pairs {
@@ -240,8 +242,8 @@ pub fn gray(view: &View, control: &Control) -> Result<Plane<f32>> {
     })
 }
 
-/// Rectifies pairs of gray images, all of one size, of the same cameras, which are reduced by `least` at
-/// least.
+/// Rectifies pairs of gray images from the same cameras, all of one size, which are reduced at least by
+/// `least`.
 pub fn rectify(
     pairs: &[Grays],
     least: usize,
@@ -264,7 +266,7 @@ pub fn rectify(
     }))
 }
 
-/// The axis along which things move in a pair of gray images by their distance; `None`: they do not show it.
+/// The axis of the disparities in a pair of gray images; `None`: they do not show it.
 pub fn shown_axis([left, right]: &Grays, runtime: Runtime) -> Result<Option<Axis>> {
     let factor = left.cols().div_ceil(MOST_COLUMNS).max(1);
     let pair = [smaller(left, factor)?, smaller(right, factor)?];
@@ -319,7 +321,7 @@ fn rectify_small(
     Ok(found.checked(&views, counts, aim.negative))
 }
 
-/// Whether some cameras explain the rows of corners that agree better than equal rows do.
+/// Whether some cameras explain the rows of the agreeing corners better than equal rows do.
 fn is_needed(all: &[CornerMatch], agreeing: &[bool], cameras: &[(Cameras, f64)]) -> bool {
     let apart = |row: &dyn Fn(&CornerMatch) -> f64| {
         deviation(all.iter().zip(agreeing).filter(|(_, is_in)| **is_in).map(|(one, _)| row(one)))
@@ -338,7 +340,7 @@ struct Views<'a> {
 }
 
 impl Views<'_> {
-    /// The matches whose rows are near with these cameras.
+    /// The matches whose rows are near each other with these cameras.
     fn near(&self, cameras: &Cameras, near: f64) -> Vec<CornerMatch> {
         let is_near = |one: &&CornerMatch| cameras.row_difference([one.left, one.right]).abs() < near;
         self.matches.iter().filter(is_near).copied().collect()
@@ -389,7 +391,7 @@ fn matched(pair: &[Plane<f32>; 2], runtime: Runtime) -> Result<std::result::Resu
 /// Cameras that blocks were fitted to.
 struct Refined {
     cameras: Cameras,
-    /// Corners agree if their rows are so near.
+    /// Corners agree if their rows are at most this far apart.
     near: f64,
     /// The blocks of the last round.
     blocks: Vec<Block>,
@@ -397,12 +399,12 @@ struct Refined {
     weights: Vec<f64>,
     /// The last fit; `None`: there were too few blocks.
     fit: Option<fit::CameraFit>,
-    /// By how many rows the last fit moved its blocks, rms.
+    /// How far the last fit moved its blocks in rows, rms.
     change: f64,
 }
 
-/// Fits cameras to blocks, again and again, until they stay. The first of those that corners agree with find
-/// blocks; the ones by which these are most probable go on.
+/// Fits cameras to blocks repeatedly until they are stable. The first few that corners agree with find
+/// blocks; the cameras that are most probable by these continue.
 fn refined(views: &[Views], starts: [(Cameras, f64); 3], runtime: Runtime) -> Result<Refined> {
     let doubtful = DOUBTFUL.0.max(DOUBTFUL.1 * starts[0].0.size().1 as f64);
     let [(cameras, near), others @ ..] = starts;
@@ -433,8 +435,8 @@ fn refined(views: &[Views], starts: [(Cameras, f64); 3], runtime: Runtime) -> Re
     Ok(best)
 }
 
-/// The blocks that are found in the images that these cameras rectify, whose corners agree if their rows are
-/// so near.
+/// The blocks found in the images that these cameras rectify, guided by corners with rows at most `near`
+/// apart.
 fn found(views: &[Views], cameras: &Cameras, near: f64, runtime: Runtime) -> Result<Vec<Block>> {
     let mut found = vec![];
     for views in views {
@@ -445,14 +447,14 @@ fn found(views: &[Views], cameras: &Cameras, near: f64, runtime: Runtime) -> Res
 }
 
 impl Refined {
-    /// Cameras fitted anew to blocks that they have found, and to corners so near.
+    /// Cameras refitted to blocks that they have found, and to corners within `near`.
     fn new(views: &[Views], before: Cameras, near: f64, blocks: Vec<Block>) -> Self {
         let count = blocks.len();
         if count < LEAST_BLOCKS.0 {
             return Self { cameras: before, near, blocks, weights: vec![], fit: None, change: f64::INFINITY };
         }
 
-        // Blocks alone, then with the corners, as much less exact as their rows spread more.
+        // Blocks alone, then with the corners, weighted down by how much more their rows spread.
         let corners: Vec<CornerMatch> = views.iter().flat_map(|views| views.near(&before, near)).collect();
         let mut places: Vec<CornerMatch> = blocks.iter().map(|block| block.places).collect();
         let mut weights: Vec<f64> = blocks.iter().map(|block| block.weight).collect();
@@ -475,7 +477,7 @@ impl Refined {
         }
     }
 
-    /// Whether the rows of blocks are less apart than where other cameras are tried, too.
+    /// Whether the rows of blocks are too close for other cameras to be tried.
     fn is_sure(&self, doubtful: f64) -> bool {
         self.fit.as_ref().is_some_and(|fit| fit.spread < doubtful)
     }
@@ -485,7 +487,7 @@ impl Refined {
         self.fit.as_ref().map_or(f64::INFINITY, fit::CameraFit::improbability)
     }
 
-    /// The result; [`Refusal`] where it cannot be believed.
+    /// The result; a [`Refusal`] if it is not credible.
     fn checked(
         self,
         views: &[Views],
@@ -560,7 +562,7 @@ impl Refined {
 }
 
 impl Negative {
-    /// By how many columns the right image is moved, so that disparities, whose quantiles are found, become
+    /// The columns by which the right image is moved so that disparities, whose quantiles are found, become
     /// positive.
     fn moved(self, good: &[CornerMatch], size: (usize, usize), found: &mut impl FnMut(f64) -> f64) -> f64 {
         let (cols, least) = (size.1 as f64, found(LEAST_SHARE));
@@ -575,7 +577,7 @@ impl Negative {
 }
 
 impl Rectification {
-    /// That of images this many times larger.
+    /// The same for images that are larger by this factor.
     fn enlarged(self, factor: usize, (rows, cols): (usize, usize)) -> Self {
         let times = factor as f64;
         Self {
@@ -597,7 +599,7 @@ fn rms(values: impl ExactSizeIterator<Item = f64>) -> f64 {
     (values.map(|value| value * value).sum::<f64>() / count).sqrt()
 }
 
-/// By how much rows may differ by the covariance of the numbers, rms over what both images show at these
+/// The uncertainty of rows by the covariance of the numbers, rms over the area that both images show at these
 /// disparities.
 fn error(
     cameras: &Cameras,
@@ -626,15 +628,15 @@ fn error(
     math::hypot((variances.iter().sum::<f64>() / variances.len() as f64).sqrt(), BIAS)
 }
 
-/// The least [`TWIST`] of rows of cameras that are turned towards each other so far that there are such
+/// The smallest [`TWIST`] of the rows of cameras turned toward each other far enough to cause these
 /// disparities. A camera of focal length `f` that is turned moves columns by `s` and, at `(x, y)` from its
-/// center, rows by `s x y / f^2`; images that are exchanged leave rows alone.
+/// center, rows by `s x y / f^2`; exchanged images leave rows alone.
 pub fn least_twist(disparity: f64, (rows, cols): (usize, usize)) -> f64 {
     -disparity * rows as f64 / (4.0 * LONGEST.powi(2) * cols as f64)
 }
 
-/// Whether rows of raw images lie as those of cameras that are turned towards each other so far that there
-/// are such disparities.
+/// Whether rows of raw images are bent like those of cameras turned toward each other far enough to cause
+/// these disparities.
 fn is_toed_in(blocks: &[CornerMatch], (rows, cols): (usize, usize), least: f64) -> bool {
     const TERMS: usize = 6;
     let mut normal = Normal::<TERMS>::held([1e-9; TERMS]);
@@ -647,8 +649,8 @@ fn is_toed_in(blocks: &[CornerMatch], (rows, cols): (usize, usize), least: f64) 
     normal.solved().is_some_and(|terms| terms[TWIST] >= least_twist(least, (rows, cols)))
 }
 
-/// The shifts that leave things where they were, at the median. Rows are moved alike; columns each by
-/// themselves, since what moves all disparities, as toed-in cameras do, is hardly known from rows.
+/// The shifts that keep things where they were, at the median. Rows are moved equally; columns separately,
+/// since rows hardly determine a shift of all disparities, as from toed-in cameras.
 fn shifts(cameras: &Cameras, blocks: &[CornerMatch]) -> [Point; 2] {
     let moved = |one: &CornerMatch, side: usize, axis: usize| {
         let raw = [one.left, one.right][side];
@@ -680,18 +682,18 @@ pub struct Raw {
     pub rectification: Rectification,
     /// Rows and columns of the raw images.
     pub size: (usize, usize),
-    /// Where each rectified pixel is in the raw images, once a match has wanted that.
+    /// The place of each rectified pixel in the raw images, once a match has needed it.
     #[serde(skip)]
     places: OnceLock<[warp::Places; 2]>,
 }
 
 impl Raw {
-    /// Cameras of raw images of this size, rows and columns. No place is computed yet.
+    /// Cameras of raw images of this size, rows and columns. No place has been computed yet.
     pub fn new(rectification: Rectification, size: (usize, usize)) -> Self {
         Self { rectification, size, places: OnceLock::new() }
     }
 
-    /// Where each rectified pixel is in the raw left and right image. The first call computes it on the
+    /// The place of each rectified pixel in the raw left and right image. The first call computes it on the
     /// threads of the current pool.
     pub fn places(&self, control: &Control) -> Result<&[warp::Places; 2]> {
         if let Some(places) = self.places.get() {
@@ -717,7 +719,8 @@ mod tests {
         on_a_thread(Level::best(), |runtime| rectify(pairs, 1, aim, runtime)).expect("memory")
     }
 
-    /// The largest difference of rows, over the image, of what cameras see at the same place.
+    /// The largest difference of rows, over the image, between points that both cameras see at the same
+    /// place.
     fn rows_apart(truth: &Cameras, found: &Cameras) -> f64 {
         let place = |index: usize| [30.0 + 20.0 * (index % 17) as f64, 30.0 + 20.0 * (index / 17) as f64];
         let apart = |index: usize| {

@@ -1,15 +1,14 @@
-//! Along which axis things move from one image to the other by their distance: along rows where the cameras
-//! stand beside each other, along columns where one is above the other, along slanted lines in pairs of
-//! satellites.
+//! The axis of the disparities: along rows if the cameras are beside each other, along columns if one is
+//! above the other, along slanted lines in pairs of satellite images.
 //!
 //! ```text
-//! dx, dy = how far each matched corner moves;  off both: a quadratic field of the place, fitted robustly
-//! spread(t) = deviation of cos(t) dy - sin(t) dx, for directions t      # what is left is due to distances, and mistakes
-//! things move along the direction of least spread across it, if spread is 2.5 times as large along some other one
+//! dx, dy = how far each matched corner moves;  minus, for both: a quadratic field, fitted robustly
+//! spread(t) = deviation of cos(t) dy - sin(t) dx, for directions t      # the rest: distances, mistakes
+//! the axis is the direction with the least spread across it, if some other one has 2.5 times its spread
 //! ```
 //!
-//! The field takes off what cameras do that are turned, zoomed, or have lenses that distort: a plane moves by
-//! such a field alone, so pairs of one plane show no axis.
+//! The field removes the effects of cameras that are turned, zoomed, or have distorting lenses: a plane moves
+//! by such a field alone, so pairs of one plane show no axis.
 
 use std::f64::consts::PI;
 
@@ -18,50 +17,51 @@ use phasestereo_match::base::linear::Normal;
 use phasestereo_match::base::math::{cos, sin};
 use phasestereo_match::base::statistics::deviation;
 
-/// Fewest matches that show an axis.
+/// Fewest matches that determine an axis.
 const LEAST_MATCHES: usize = 40;
-/// The largest spread over the least, and in pixels of an image of 1000 pixels on its long side: in 292 runs
-/// on 146 pairs, as they are and turned by 90 degrees, no axis was wrong; of pairs of a plane none has a
-/// ratio of 1.9.
+/// The largest spread relative to the smallest, and in pixels of an image of 1000 pixels on its long side: in
+/// 292 runs on 146 pairs, original and turned by 90 degrees, no axis was wrong; pairs of a plane have ratios
+/// below 1.9.
 const CLEAR: (f64, f64) = (2.5, 0.5);
 /// Rounds of the robust fit; errors of up to this share of their deviation count in full.
 const ROUNDS: usize = 12;
 const SURE: f64 = 0.5;
-/// Lines at no larger angle than this to an axis are along it, degrees. No pair of 146 has lines at 20 to 80.
+/// Lines at no larger angle than this to an axis are along it, degrees. None of 146 pairs has lines at 20 to
+/// 80.
 const ALONG: f64 = 30.0;
 /// Directions that are tried.
 const DIRECTIONS: usize = 90;
-/// Least spread that is told apart, pixels of such an image.
+/// Least spread that is distinguished, pixels of such an image.
 const LEAST_SPREAD: f64 = 0.05;
 
-/// Lines along which things move by their distance.
+/// The lines that disparities follow.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Axis {
     /// Their angle against the rows, degrees from -90 to 90: positive if they run down to the right.
     pub angle: f64,
-    /// The spread along them over that across them.
+    /// The spread along them divided by that across them.
     pub ratio: f64,
 }
 
 impl Axis {
-    /// The axis in the images that were turned by a quarter, counterclockwise, to those that show it.
+    /// The axis in the original images, from the axis in images turned by 90 degrees counterclockwise.
     pub fn turned_back(self) -> Self {
         let angle = self.angle + 90.0;
         Self { angle: if angle > 90.0 { angle - 180.0 } else { angle }, ..self }
     }
 
-    /// Whether one camera is beside the other, as far as the axis shows it.
+    /// Whether the axis shows one camera beside the other.
     pub fn is_along_rows(self) -> bool {
         self.angle.abs() <= ALONG
     }
 
-    /// Whether one camera is above the other.
+    /// Whether the axis shows one camera above the other.
     pub fn is_along_columns(self) -> bool {
         self.angle.abs() >= 90.0 - ALONG
     }
 }
 
-/// The axis that matches show in images of this many rows and columns; `None`: they do not show it.
+/// The axis that matches show in images of this many rows and columns; `None`: they do not determine it.
 pub fn axis(matches: &[CornerMatch], (rows, cols): (usize, usize)) -> Option<Axis> {
     if matches.len() < LEAST_MATCHES {
         return None;
@@ -95,7 +95,7 @@ fn terms(place: [f64; 2], (rows, cols): (usize, usize)) -> [f64; 6] {
     [1.0, x, y, x * y, x * x, y * y]
 }
 
-/// What a quadratic field leaves of some values; mistakes hardly pull it.
+/// The residuals of a robust quadratic fit to some values.
 fn rest(terms: &[[f64; 6]], values: Vec<f64>) -> Option<Vec<f64>> {
     let mut errors = values.clone();
     let mut weights = vec![1.0; values.len()];

@@ -1,16 +1,16 @@
-//! Blocks of the rectified left image, found again in the rectified right one by correlation, to a fraction
-//! of a pixel.
+//! Blocks of the rectified left image, located in the rectified right one by correlation, to a fraction of a
+//! pixel.
 //!
 //! ```text
-//! even = (image - mean) / sqrt(variance + 9)         # over 31 x 31: light and contrast are taken out
-//! c(dx, dy) = correlation of the block of 24 x 24 about a corner with the block at (dx, dy) of the right image
-//!     of images of half the size within 12 columns and 7 rows of what the nearest matches say (about the nearest corner
-//!     that is so far from their ends that it fits), then of the whole ones within 4 px
-//! (dx, dy) = the largest c, and the peak of the nine about it
+//! even = (image - mean) / sqrt(variance + 9)         # over 31 x 31: removes light and contrast
+//! c(dx, dy) = correlation of the 24 x 24 block around a corner with the block at (dx, dy) of the right image
+//!     at half size within 12 columns and 7 rows of the place by the nearest matches (for the nearest corner
+//!     far enough from the ends for a block), then at full size within 4 px
+//! (dx, dy) = the largest c, and the peak of the nine around it
 //! kept if c > 0.7, unique and curved enough along y
 //! ```
 //!
-//! Images are in integers from `even` on, so correlations are exact up to their one division.
+//! Images are integers from `even` on, so correlations are exact up to their single division.
 
 use std::array::from_fn;
 
@@ -25,7 +25,7 @@ use phasestereo_match::base::simd::{Level, leveled};
 use phasestereo_match::base::statistics::median;
 use phasestereo_match::image::window_sums::Windows;
 
-/// Number of corners that blocks are laid about, and how near they may be to the border.
+/// Number of corners with blocks, and how near they may be to the border.
 const CORNERS: usize = 2000;
 const BORDER: usize = 16;
 /// Side of a block.
@@ -33,27 +33,27 @@ const SIDE: usize = 24;
 const _: () = assert!((SIDE * SIDE).is_multiple_of(SUMMED), "a product leaves out pixels of a block");
 /// Places that are computed at once.
 const LANES: usize = 16;
-/// How many columns and rows away blocks are searched for in images of half the size and in whole ones. With 4
-/// rows in the first, one of 12 toed-in pairs is not rectified; 12 take half as long again and gain nothing.
+/// How many columns and rows away blocks are searched for at half size and at full size. With 4 rows at half
+/// size, one of 12 toed-in pairs is not rectified; 12 take half as long again and gain nothing.
 const SEARCH: [[usize; 2]; 2] = [[12, 7], [4, 4]];
-/// Radius of the windows that light is taken out over, and what is added to the variance.
+/// Radius of the windows over which light is removed, and the amount added to the variance.
 const EVEN: (usize, f64) = (15, 9.0);
-/// Rows that one task evens out; it reads those of the windows above and below, too.
+/// Rows that one task evens out; it also reads those of the windows above and below.
 const BAND: usize = 128;
 /// Gray values in steps of 1 / 8; deviations in steps of 1 / 64 and at most this many.
 const STEPS: [f32; 2] = [8.0, 64.0];
 const LARGEST: f32 = 1023.0;
-/// What images are smoothed by first, and those that corners are sought in, pixels.
+/// Smoothing of images, and of those that corners are searched in, pixels.
 const SMOOTHING: [f64; 2] = [0.8, 1.0];
 /// Least correlation.
 const LEAST: f64 = 0.7;
-/// Correlations farther from the best one are of other places, pixels; what they must be below, as a share of
-/// what is missing.
+/// Correlations farther from the best one belong to other places, pixels; the best must be short of 1 by less
+/// than this share of what they are short of it.
 const ELSEWHERE: usize = 3;
 const UNIQUE: f64 = 0.7;
 /// Least curvature of the correlation along y, and that of full weight.
 const CURVATURE: (f64, f64) = (0.03, 0.1);
-/// Nearest matches whose median says where a block may be.
+/// Nearest matches whose median predicts the place of a block.
 const NEAREST: usize = 3;
 /// Blocks nearer to the ends of a raw image are left out, pixels.
 const MARGIN: f64 = 8.0;
@@ -61,13 +61,13 @@ const MARGIN: f64 = 8.0;
 /// A block that was found.
 #[derive(Debug, Clone, Copy)]
 pub struct Block {
-    /// Where its middle is in both raw images.
+    /// The place of its middle in both raw images.
     pub places: CornerMatch,
-    /// How well its row is known, up to 1.
+    /// How precisely its row is known, up to 1.
     pub weight: f64,
 }
 
-/// Finds blocks of a pair in gray again, given its cameras and matches.
+/// Locates blocks of a gray pair, given its cameras and matches.
 pub fn blocks(
     pair: [&Plane<f32>; 2],
     cameras: &Cameras,
@@ -89,7 +89,7 @@ pub fn blocks(
     for (corner, guess) in found.iter().zip(guesses) {
         let [x, y] = corner.pixel;
         let to = guess.map(|by| (by / 2.0).round() as isize);
-        // Near the ends of the image, a place farther in shows how far things are moved.
+        // Near the ends of the image, a place farther in shows the motion.
         let inward = |at: usize, size: usize| at.clamp(SIDE / 2, (size - SIDE / 2).max(SIDE / 2));
         let middle = [inward(x / 2, halves[0].cols()), inward(y / 2, halves[0].rows())];
         let Some(rough) = correlated(&halves, middle, to, SEARCH[0], level) else { continue };
@@ -116,7 +116,7 @@ fn is_inside([x, y]: Point, image: &Plane<f32>) -> bool {
     (MARGIN..=right - MARGIN).contains(&x) && (MARGIN..=bottom - MARGIN).contains(&y)
 }
 
-/// By how many columns and rows each corner may be elsewhere in the right image.
+/// The columns and rows by which each corner is expected to move to the right image.
 fn guesses(corners: &[Corner], cameras: &Cameras, matches: &[CornerMatch]) -> Vec<[f64; 2]> {
     let known: Vec<[Point; 2]> =
         matches.iter().map(|one| [cameras.rectified(one.left, 0), cameras.rectified(one.right, 1)]).collect();
@@ -201,11 +201,11 @@ fn keys(t: f32) -> [f32; 4] {
     ]
 }
 
-/// The image with light and contrast taken out.
+/// The image without light and contrast.
 fn even(image: &Plane<f32>, level: Level) -> Result<Plane<i16>> {
     let size = image.size();
     let step = f64::from(STEPS[0]);
-    // Sums of integers are exact, as doubles, too, which are added side by side.
+    // Sums of integers are exact, also as doubles, which are added side by side.
     let gray = image.map(|value| (value * STEPS[0]).round().clamp(-4096.0, 4096.0));
 
     let windows = Windows::new(size, EVEN.0);
@@ -224,15 +224,15 @@ fn even(image: &Plane<f32>, level: Level) -> Result<Plane<i16>> {
     Plane::by_bands(size, BAND, |first, band| windows.write((first, band), values, even, level))
 }
 
-/// Where a block was found.
+/// The place where a block was found.
 struct Located {
-    /// Columns and rows from where it is in the left image.
+    /// Columns and rows from its place in the left image.
     by: [f64; 2],
-    /// Curvature of the correlation along y, where x is free to follow.
+    /// Curvature of the correlation along y, with x free to follow.
     curvature: f64,
 }
 
-/// Finds the block about a pixel of the left image within `search` pixels of where it is moved to.
+/// Finds the block around a pixel of the left image within `search` pixels of its expected place.
 fn correlated(
     images: &[Plane<i16>; 2],
     [x, y]: [usize; 2],
@@ -317,8 +317,8 @@ fn correlate(level: Level, block: &[i16], area: &[i16], products: &[i32], search
     out
 }
 
-/// The products of a block with all blocks of an area. Those at one column lie one after the other in a strip
-/// of the area.
+/// The products of a block with all blocks of an area. The blocks at one column lie one after another in a
+/// strip of the area.
 #[leveled]
 fn products(level: Level, block: &[i16], area: &[i16], search: [usize; 2]) -> Vec<i32> {
     let [across, down] = search.map(|reach| 2 * reach + 1);
@@ -346,7 +346,7 @@ fn add_row(columns: &mut [[i32; 2]], row: &[i16], sign: i32) {
     }
 }
 
-/// The sum and that of the squares.
+/// The sum, and the sum of the squares.
 #[inline(always)]
 fn sums(values: &[i16]) -> (i64, i64) {
     values.iter().fold((0, 0), |(sum, squares), value| {
@@ -394,7 +394,7 @@ mod tests {
         })
     }
 
-    /// The correlation of two blocks, as it is defined.
+    /// The correlation of two blocks by definition.
     fn plain(one: &[i16], other: &[i16]) -> f64 {
         let mean =
             |values: &[i16]| values.iter().map(|value| f64::from(*value)).sum::<f64>() / values.len() as f64;

@@ -1,7 +1,7 @@
-//! Cameras that are calibrated: how their images are turned and projected so that rows correspond, and where
-//! each rectified pixel is in the raw image. All of it is OpenCV's, `stereoRectify` and
-//! `initUndistortRectifyMap`, with what it rounds to single precision, so that places are the same to the
-//! bit, but for the last bits of doubles.
+//! Calibrated cameras: how their images are turned and projected so that rows correspond, and the place of
+//! each rectified pixel in the raw image. All of it follows OpenCV's `stereoRectify` and
+//! `initUndistortRectifyMap`, including their rounding to single precision, so places are bit-identical
+//! except for the last bits of doubles.
 
 use std::array::from_fn;
 
@@ -13,21 +13,21 @@ use phasestereo_match::base::math;
 use phasestereo_match::base::plane::Plane;
 use phasestereo_match::pair::fitting::Fit;
 
-/// Steps by which the distortion of a corner is undone.
+/// Steps that undo the distortion of a corner.
 const STEPS: usize = 5;
-/// By how much a rotation matrix may differ from one: that of digits which were left out in a file.
+/// Largest deviation of a rotation matrix from a true one, as from digits left out in a file.
 const ROUNDED: f64 = 1e-3;
 
 type Vector = [f64; 3];
 /// Rows and columns of the left and of the right image.
 pub type Sizes = [(usize, usize); 2];
 
-/// Two calibrated cameras and how their images are rectified, by OpenCV's names; left and right.
+/// Two calibrated cameras and their rectification, by OpenCV's names; left and right.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Calibration {
     /// Camera matrices K1 and K2, pixels.
     pub camera: [Matrix; 2],
-    /// Distortions D1 and D2: k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4; 0 for those that are not known.
+    /// Distortions D1 and D2: k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4; 0 for unknown ones.
     pub distortion: [[f64; 12]; 2],
     /// R1 and R2: from the raw camera to the rectified one.
     pub rotation: [Matrix; 2],
@@ -36,7 +36,7 @@ pub struct Calibration {
 }
 
 impl Calibration {
-    /// Cameras of which the right one is turned by `R` and moved by `T` against the left one: `X_right = R
+    /// Cameras with the right one turned by `R` and moved by `T` relative to the left one: `X_right = R
     /// X_left + T`. Images of this many rows and columns are rectified as by `stereoRectify` with
     /// `CALIB_ZERO_DISPARITY` and its default `alpha`.
     pub fn new(
@@ -82,7 +82,7 @@ impl Calibration {
         found.inverses().map(|_| found)
     }
 
-    /// Cameras that were estimated from images: the distance between them is not known.
+    /// Cameras that were estimated from images: the distance between them is unknown.
     pub fn of_cameras(cameras: &Cameras) -> Self {
         let (focal, sides) = (cameras.focal(), cameras.sides());
         let projection = |side: usize| {
@@ -104,22 +104,22 @@ impl Calibration {
         }
     }
 
-    /// The same for right images that are brought to the size of the left ones, if K2 is of images as they
-    /// come.
+    /// The same for right images that are scaled to the size of the left ones, if K2 is that of the original
+    /// images.
     pub fn fitted(mut self, [left, right]: Sizes) -> Result<Self> {
         self.camera[1] = times(&Fit::new(right, left)?.matrix(), &self.camera[1]);
         Ok(self)
     }
 
-    /// The same for right images as they come, if K2 is of those that are brought to the size of the left ones.
+    /// The same for original right images, if K2 is that of images scaled to the size of the left ones.
     pub fn as_they_come(mut self, [left, right]: Sizes) -> Result<Self> {
         let back = inverse(&Fit::new(right, left)?.matrix());
         self.camera[1] = back.map_or(self.camera[1], |back| times(&back, &self.camera[1]));
         Ok(self)
     }
 
-    /// OpenCV's matrix Q, by which disparities become points; `None`: the distance between the cameras is not
-    /// known.
+    /// OpenCV's matrix Q, which turns disparities into points; `None`: the distance between the cameras is
+    /// unknown.
     pub fn q(&self) -> Result<Option<[[f64; 4]; 4]>> {
         let [left, right] = &self.projection;
         let [along, down] = [0, 1].map(|axis| right[axis][3] - left[axis][3]);
@@ -142,8 +142,7 @@ impl Calibration {
         ]))
     }
 
-    /// Where each pixel of the rectified left and right images, of this many rows and columns, is in the raw
-    /// ones.
+    /// The raw place of each pixel of the rectified left and right images, of this many rows and columns.
     pub fn places(&self, size: (usize, usize), control: &Control) -> Result<[Places; 2]> {
         let [left, right] = self.inverses()?;
         Ok([self.places_of(0, &left, size, control)?, self.places_of(1, &right, size, control)?])
@@ -183,7 +182,7 @@ impl Calibration {
     }
 }
 
-/// Where a lens moves what is at a place, in focal lengths from the principal point.
+/// The place to which a lens moves a place, in focal lengths from the principal point.
 pub fn distorted(
     &[k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4]: &[f64; 12],
     [x, y]: [f64; 2],
@@ -199,7 +198,7 @@ pub fn distorted(
     ]
 }
 
-/// Where a raw pixel would be without distortion, in focal lengths from the principal point.
+/// The place of a raw pixel without distortion, in focal lengths from the principal point.
 fn undistorted(camera: &Matrix, distortion: &[f64; 12], raw: [f64; 2]) -> [f64; 2] {
     let start: [f64; 2] = from_fn(|axis| (raw[axis] - camera[axis][2]) / camera[axis][axis]);
     let radial = |index: usize| distortion[index];
@@ -224,14 +223,14 @@ fn undistorted(camera: &Matrix, distortion: &[f64; 12], raw: [f64; 2]) -> [f64; 
     place.map(|at| f64::from(at as f32))
 }
 
-/// Half the way back of a rotation.
+/// Half of the inverse of a rotation.
 fn half_turn(rotation: &Matrix) -> Result<Matrix> {
     let refused = || {
         let accepts = "a rotation of less than 90 degrees";
         Error::value("rotation", format!("{rotation:?}"), accepts)
     };
 
-    // The nearest rotation: digits that were left out in a file are made up for.
+    // The nearest rotation, which compensates digits left out in a file.
     let mut nearest = *rotation;
     for _ in 0..3 {
         let other = transposed(&inverse(&nearest).ok_or_else(refused)?);
@@ -249,7 +248,7 @@ fn half_turn(rotation: &Matrix) -> Result<Matrix> {
     Ok(turned(scaled(axis, -0.5 * math::atan2(sin, cos) / sin)))
 }
 
-/// The rotation about an axis, by as many radians as it is long.
+/// The rotation about an axis, by as many radians as the vector is long.
 fn turned(axis: Vector) -> Matrix {
     let angle = norm(axis);
     let [x, y, z] = scaled(axis, 1.0 / angle);

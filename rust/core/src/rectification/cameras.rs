@@ -1,5 +1,5 @@
-//! Two cameras of which nothing is known but that they look about the same way: fourteen numbers, each with a
-//! usual value and a usual deviation from it.
+//! Two cameras, of which only one thing is known: they look about the same way. Fourteen numbers describe
+//! them, each with a usual value and a usual deviation.
 //!
 //! ```text
 //! focal length, and the ratio of both       0.85 widths, within a third or so
@@ -11,8 +11,8 @@
 //! X = Rx(pitch) Ry(yaw) Rz(roll) (u, 1);   rectified = F (X0, X1) / X2 + middle
 //! ```
 //!
-//! The pitch that both share moves all rows alike: it is left at 0. Numbers that the images do not determine,
-//! as the focal length where the view is narrow, stay at their usual values.
+//! The pitch that both share moves all rows equally: it stays at 0. Numbers that the images do not determine,
+//! such as the focal length of a narrow view, stay at their usual values.
 
 use std::array::from_fn;
 
@@ -22,7 +22,7 @@ use phasestereo_match::base::math;
 
 /// How many numbers describe two cameras.
 pub const NUMBERS: usize = 14;
-/// Those of which others ask.
+/// Indices that other modules use.
 pub const K1: usize = 2;
 
 /// The usual focal length in widths.
@@ -32,7 +32,7 @@ const FOCAL: f64 = 0.85;
 /// pitch, yaw and roll right.
 pub const USUAL: [f64; NUMBERS] =
     [0.35, 0.03, 0.2, 0.08, 0.02, 0.015, 0.015, 0.015, 0.015, 0.07, 0.07, 0.1, 0.07, 0.07];
-/// Where the cameras differ more in focal length and distortion.
+/// The deviations for cameras that differ more in focal length and distortion.
 pub const WIDE: [f64; NUMBERS] =
     [0.35, 0.15, 0.2, 0.08, 0.4, 0.015, 0.015, 0.015, 0.015, 0.07, 0.07, 0.1, 0.07, 0.07];
 
@@ -40,9 +40,9 @@ pub const WIDE: [f64; NUMBERS] =
 const STEPS: usize = 7;
 /// Beyond the radius where the distorted one grows more slowly than this, an image would fold back.
 const LEAST_SLOPE: f64 = 0.1;
-/// The largest radius that is looked at, in focal lengths, and the steps up to there.
+/// The largest radius to examine, in focal lengths, and the steps up to it.
 const RADIUS: (f64, usize) = (2.0, 200);
-/// Rays flatter than this to the image plane do not meet it.
+/// Rays at a flatter angle to the image plane do not meet it.
 const LEAST_DEPTH: f64 = 0.05;
 
 /// A column and a row.
@@ -50,7 +50,7 @@ pub type Point = [f64; 2];
 /// Rows of numbers.
 pub type Matrix = [[f64; 3]; 3];
 
-/// Two cameras by their numbers.
+/// Two cameras, given by their numbers.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(from = "Saved", into = "Saved")]
 pub struct Cameras {
@@ -63,7 +63,7 @@ pub struct Cameras {
     sides: [Camera; 2],
 }
 
-/// What is saved of two cameras; the rest is computed from it.
+/// The saved data of two cameras; the rest is computed from it.
 #[derive(Serialize, Deserialize)]
 struct Saved {
     numbers: [f64; NUMBERS],
@@ -84,7 +84,7 @@ impl From<Cameras> for Saved {
     }
 }
 
-/// One of them.
+/// One of the cameras.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Camera {
     /// Focal length, pixels.
@@ -97,7 +97,7 @@ pub struct Camera {
     pub rotation: Matrix,
     /// The rotation's derivatives by pitch, yaw and roll.
     turns: [Matrix; 3],
-    /// The undistorted radius from which on the image folds back, in focal lengths.
+    /// The undistorted radius beyond which the image folds back, in focal lengths.
     reach: f64,
 }
 
@@ -181,7 +181,7 @@ impl Cameras {
         [0.5 * (self.size.1 as f64 - 1.0), 0.5 * (self.size.0 as f64 - 1.0)]
     }
 
-    /// Where something in a raw image is in the rectified one.
+    /// The rectified place of a point of a raw image.
     #[inline(always)]
     pub fn rectified(&self, raw: Point, side: usize) -> Point {
         let ray = self.sides[side].ray(raw);
@@ -189,7 +189,7 @@ impl Cameras {
         from_fn(|axis| self.focal * ray.turned[axis] / ray.turned[2] + center[axis])
     }
 
-    /// Where some pixels of a row of a raw image are in the rectified one, from a column on.
+    /// The rectified places of some pixels of a raw row, from a column on.
     #[inline(always)]
     pub fn rectified_row<const N: usize>(&self, first: usize, y: usize, side: usize) -> [Point; N] {
         let (camera, center) = (&self.sides[side], self.center(side));
@@ -203,7 +203,7 @@ impl Cameras {
         })
     }
 
-    /// Where something in a rectified image is in the raw one; `None` where no ray of that camera comes from.
+    /// The raw place of a point of a rectified image; `None` where no ray of that camera comes from.
     pub fn raw(&self, rectified: Point, side: usize) -> Option<Point> {
         let place = self.backward(side).place(rectified);
         (!place[0].is_nan()).then_some(place)
@@ -220,12 +220,12 @@ impl Cameras {
         Backward { turn, focal: *focal, center: *center, distortion: *distortion, reach: *reach }
     }
 
-    /// By how many rows something in both raw images differs once they are rectified.
+    /// The row difference, after rectification, of a point in both raw images.
     pub fn row_difference(&self, [left, right]: [Point; 2]) -> f64 {
         self.rectified(left, 0)[1] - self.rectified(right, 1)[1]
     }
 
-    /// The same and its derivatives by the numbers.
+    /// The same, and its derivatives by the numbers.
     pub fn row_derivatives(&self, places: [Point; 2]) -> (f64, [f64; NUMBERS]) {
         let cols = self.size.1 as f64;
         let (mut difference, mut all) = (0.0, [0.0; NUMBERS]);
@@ -272,8 +272,8 @@ impl Cameras {
         (difference, from_fn(|index| all[index] * self.spreads[index]))
     }
 
-    /// By how many pixels a lens moves what is at half the width from the middle, outward, and its
-    /// derivatives by the numbers.
+    /// How many pixels a lens moves a point at half the width from the middle, outward, and its derivatives
+    /// by the numbers.
     pub fn distortion(&self, side: usize) -> (f64, [f64; NUMBERS]) {
         let half = 0.5 * self.size.1 as f64;
         let sign = if side == 0 { -0.5 } else { 0.5 };
@@ -288,7 +288,7 @@ impl Cameras {
         (by_k1 * (k1 + square * k2), slope)
     }
 
-    /// Whether a place of a raw image lies where its distortion turns back.
+    /// Whether a place of a raw image is where its distortion turns back.
     pub fn is_folded(&self, raw: Point, side: usize) -> bool {
         let Camera { focal, center, distortion: [k1, k2], reach, .. } = &self.sides[side];
         let square = reach * reach;
@@ -297,7 +297,7 @@ impl Cameras {
     }
 }
 
-/// From places in a rectified image to those in the raw one.
+/// The conversion of places in a rectified image to those in the raw one.
 #[derive(Debug, Clone, Copy)]
 pub struct Backward {
     /// From a column, a row and 1 to a ray of the raw camera.
@@ -309,7 +309,7 @@ pub struct Backward {
 }
 
 impl Backward {
-    /// The place of one in the rectified image; NaN where no ray of the camera comes from.
+    /// The raw place of a rectified one; NaN where no ray of the camera comes from.
     #[inline(always)]
     pub fn place(&self, [x, y]: Point) -> Point {
         let [right, down, depth] = self.turn.map(|[a, b, c]| a * x + b * y + c);
@@ -328,7 +328,7 @@ impl Backward {
 struct Ray {
     /// Its undistorted place, in focal lengths from the principal point.
     place: Point,
-    /// The squared radius there, by how much the distorted one is longer, and `k1 + 2 k2 square`.
+    /// The squared radius there, the factor by which the distorted one is longer, and `k1 + 2 k2 square`.
     square: f64,
     longer: f64,
     bend: f64,
@@ -347,7 +347,7 @@ impl Camera {
         self.ray_of([x, y], distorted, radius)
     }
 
-    /// The radii of some that are distorted.
+    /// The undistorted radii for some distorted ones.
     #[inline(always)]
     fn undistorted<const N: usize>(&self, distorted: [f64; N]) -> [f64; N] {
         let [k1, k2] = self.distortion;
@@ -368,14 +368,14 @@ impl Camera {
         radii
     }
 
-    /// The slope of the distorted radius where the undistorted one has this square.
+    /// The slope of the distorted radius at this squared undistorted radius.
     #[inline(always)]
     fn slope(&self, square: f64) -> f64 {
         let [k1, k2] = self.distortion;
         (1.0 + square * (3.0 * k1 + 5.0 * k2 * square)).max(LEAST_SLOPE)
     }
 
-    /// The ray of a raw pixel at this distorted place, whose radius is undistorted to this one.
+    /// The ray of a raw pixel at this distorted place, given its distorted and undistorted radius.
     #[inline(always)]
     fn ray_of(&self, [x, y]: Point, distorted: f64, radius: f64) -> Ray {
         let [k1, k2] = self.distortion;
@@ -397,7 +397,7 @@ impl Camera {
     }
 }
 
-/// The radius from which on an image folds back.
+/// The radius beyond which an image folds back.
 fn reach([k1, k2]: [f64; 2]) -> f64 {
     let (most, steps) = RADIUS;
     let radius = |step: usize| most * step as f64 / steps as f64;
@@ -512,7 +512,7 @@ mod tests {
         assert!(cameras.is_folded([640.0, 480.0], 0) && !cameras.is_folded([330.0, 240.0], 0));
         assert!(cameras.rectified([640.0, 480.0], 0).iter().all(|at| at.is_finite()));
 
-        // Slopes fall below a tenth from a radius of 0.78 on, which is seen at 0.58.
+        // Slopes fall below a tenth beyond a radius of 0.78, which appears at 0.58.
         (numbers[K1], numbers[K1 + 1]) = (-0.3, -0.2);
         let cameras = Cameras::new(numbers, [1.0; NUMBERS], SIZE);
         let [column, row] = cameras.sides()[0].center;

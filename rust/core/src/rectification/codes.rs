@@ -1,16 +1,16 @@
-//! Codes of what corners look like: gradients by direction, gathered on a grid around the corner, as in SIFT
-//! (D. Lowe: *Distinctive image features from scale-invariant keypoints*, IJCV 2004), rooted as by R.
-//! Arandjelović and A. Zisserman (*Three things everyone should know*, CVPR 2012). They say nothing of which
-//! way is up, so turned images need turned codes: the grid is turned, and the directions with it.
+//! Codes of the appearance of corners: gradients by direction, gathered on a grid around the corner, as in
+//! SIFT (D. Lowe: *Distinctive image features from scale-invariant keypoints*, IJCV 2004), rooted as by R.
+//! Arandjelović and A. Zisserman (*Three things everyone should know*, CVPR 2012). They do not determine
+//! which way is up, so turned images need turned codes: the grid and the directions are turned.
 //!
 //! ```text
 //! for each of 8 directions t:
 //!     energy[t] = Gaussian of max(gx cos t + gy sin t, 0)^2
 //! code[i, j, t] = sqrt(energy[t] at the corner + 5 (i, j)) weight(i, j)      # a grid of 4 x 4, 5 px apart
-//! code = min(code / |code|, 0.25);   code = sqrt(code / sum of code)         # of length 1, in steps of 1 / 2048
+//! code = min(code / |code|, 0.25);   code = sqrt(code / sum of code)     # of length 1, in steps of 1 / 2048
 //! ```
 //!
-//! Images are looked at on five levels, each smaller by the root of two than the one before, since cameras
+//! Images are processed on five levels, each smaller than the one before by the root of two, since cameras
 //! may be nearer or zoomed.
 
 use std::array::from_fn;
@@ -37,7 +37,7 @@ const LEVELS: [(f64, usize); 5] = [
 const LEAST_SIZE: usize = 60;
 /// No corners lie nearer to the ends of a level, pixels.
 const BORDER: usize = 12;
-/// What is smoothed before gradients are taken, and the energies after, pixels.
+/// Smoothing before gradients are computed, and of the energies, pixels.
 const SMOOTHING: [f64; 2] = [1.0, 2.5];
 /// Directions of gradients.
 const DIRECTIONS: usize = 8;
@@ -45,25 +45,25 @@ const DIRECTIONS: usize = 8;
 const GRID: (usize, f64) = (4, 5.0);
 /// Points weigh less the farther they are from the corner: a Gaussian, pixels.
 const WEIGHT: f64 = 9.0;
-/// No number of a code is larger, so that a single strong edge does not decide.
+/// The largest number of a code, so that a single strong edge does not decide.
 const LARGEST: f32 = 0.25;
 /// Numbers of a code.
 pub const LENGTH: usize = GRID.0 * GRID.0 * DIRECTIONS;
-/// What 1 is in a code: the products of two codes fit 32 bits.
+/// The value of 1 in a code: the products of two codes fit 32 bits.
 pub const UNIT: f32 = 2048.0;
 
-/// What a corner looks like.
+/// The appearance of a corner.
 pub type CornerCode = [i16; LENGTH];
 
 /// The corners of an image on all its levels.
 pub struct Features {
     /// Where they are in the image: column and row.
     pub places: Vec<[f64; 2]>,
-    /// Columns of the image under a column of the level that a corner was found on.
+    /// Columns of the image per column of the level that a corner was found on.
     pub scales: Vec<f64>,
     /// The corners of each level, and its energies under the Gaussian along rows.
     levels: Vec<(Vec<Corner>, Plane<f32>)>,
-    /// That Gaussian, which they are under along columns only where they are looked at.
+    /// That Gaussian; along columns it is applied only where energies are sampled.
     gaussian: Kernel,
 }
 
@@ -100,7 +100,7 @@ impl Features {
         Ok(features)
     }
 
-    /// The codes that the corners would have if the image were turned by so much, radians.
+    /// The codes that the corners would have if the image were turned by this many radians.
     pub fn codes(&self, turn: f64, level: Level) -> Vec<CornerCode> {
         let sampling = Sampling::new(turn);
         let of_level = |(corners, energies): &(Vec<Corner>, Plane<f32>)| -> Vec<CornerCode> {
@@ -137,11 +137,11 @@ fn write_energies(
     }
 }
 
-/// Where energies are sampled around a corner.
+/// The places where energies are sampled around a corner.
 struct Sampling {
     /// Columns, rows and weight of each point of the grid.
     points: Vec<([f64; 2], f32)>,
-    /// By how many directions codes are turned: whole ones, and the rest.
+    /// How many directions codes are turned by: whole ones, and the rest.
     turn: (usize, f32),
 }
 

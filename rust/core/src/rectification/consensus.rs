@@ -1,15 +1,15 @@
-//! Which matches agree on one way that two cameras look: MSAC (P. Torr, A. Zisserman: *MLESAC*, CVIU 2000).
+//! Finds the matches that agree on one viewing direction of two cameras: MSAC (P. Torr, A. Zisserman:
+//! *MLESAC*, CVIU 2000).
 //!
 //! ```text
-//! y' - y = a + b x' + c y + d (x - x')              # rows of cameras that are moved, turned, zoomed a little
+//! y' - y = a + b x' + c y + d (x - x')       # rows of cameras that are slightly moved, turned, zoomed
 //! for each of 1500 samples of 4 matches:
 //!     a, b, c, d = fitted to the sample;   cost = sum over the matches of min(|error| / near, 1)
 //! agreeing = those within `near` of the cheapest
 //! repeated with near from 2 to 1 % of the width: fit cubic terms, too;   agreeing = those within `near`
 //! ```
 //!
-//! Coordinates are shares of the width from its middle. Samples come from a generator that always starts
-//! alike.
+//! Coordinates are shares of the width from its middle. Samples come from a generator with a fixed start.
 
 use super::matches::CornerMatch;
 use phasestereo_match::base::linear::Normal;
@@ -18,23 +18,23 @@ use phasestereo_match::base::linear::Normal;
 const SAMPLES: usize = 1500;
 /// Fewest matches to sample from, and fewest that terms of third order are fitted to.
 const LEAST: (usize, usize) = (8, 20);
-/// How near agreeing rows are, as shares of the width: of samples, then of each fit.
+/// How near agreeing rows are, as shares of the width: for samples, then for each fit.
 const NEAR: f64 = 0.02;
 const NEARER: [f64; 5] = [0.02, 0.02, 0.015, 0.012, 0.010];
-/// A fit that loses more of those that agreed is not followed.
+/// A fit that loses more of the agreeing matches is rejected.
 const KEPT: f64 = 0.8;
 /// How strongly the terms are held at 0, in a sample and in a fit.
 const HELD: [f64; 4] = [1e-9, 1e-3, 1e-3, 1e-2];
 const HELD_CUBIC: [f64; 9] = [1e-6, 1e-3, 1e-3, 1e-3, 0.02, 0.02, 0.02, 0.02, 0.02];
-/// Larger terms are of no two cameras that look about the same way: turn and zoom, and what goes with
-/// disparity.
+/// Larger terms do not belong to two cameras that look about the same way: turn and zoom, and the part that
+/// depends on disparity.
 const LARGEST: [f64; 4] = [f64::INFINITY, 0.6, 0.6, 0.5];
 
-/// What the rows of a match say of the cameras.
+/// The evidence of a match's rows about the cameras.
 struct Observation {
     terms: [f64; 4],
     cubic: [f64; 9],
-    /// By how much it is lower in the right image.
+    /// How much lower it is in the right image.
     lower: f64,
 }
 
@@ -119,7 +119,7 @@ fn product<const N: usize>(terms: &[f64; N], model: &[f64; N]) -> f64 {
     terms.iter().zip(model).map(|(term, factor)| term * factor).sum()
 }
 
-/// Numbers that look random, always the same ones (`SplitMix64`: G. Steele et al., OOPSLA 2014).
+/// Pseudorandom numbers, always the same (`SplitMix64`: G. Steele et al., OOPSLA 2014).
 struct SplitMix(u64);
 
 impl SplitMix {
@@ -137,7 +137,7 @@ impl SplitMix {
 mod tests {
     use super::*;
 
-    /// Matches of a right image that is turned, lower and bent; of each ten, this many are outliers.
+    /// Matches of a right image that is turned, lower and bent; this many of each ten are outliers.
     fn matches(wrong: usize) -> Vec<CornerMatch> {
         let mut chance = SplitMix(7);
         let mut any = |end: usize| chance.below(end) as f64;

@@ -1,11 +1,11 @@
-//! Corners: places where an image differs from itself moved a little, in any direction (J. Shi, C. Tomasi:
-//! *Good features to track*, CVPR 1994).
+//! Corners: places where an image differs from itself when moved slightly in any direction (J. Shi, C.
+//! Tomasi: *Good features to track*, CVPR 1994).
 //!
 //! ```text
 //! a, b, c = sums over 5 x 5 of gx gx, gx gy, gy gy
 //! strength = (a + c) / 2 - sqrt(((a - c) / 2)^2 + b^2)     # the smaller eigenvalue of [[a, b], [b, c]]
 //! corners = maxima of strength over 5 x 5, of at least STRENGTH
-//! kept    = the strongest of each of 8 x 12 cells, equally many
+//! kept    = the strongest of each of 8 x 12 cells, the same number of each
 //! ```
 //!
 //! A parabola through the strengths of the neighbors gives the fraction of a pixel along each axis.
@@ -34,8 +34,8 @@ pub struct Corner {
     pub place: [f64; 2],
 }
 
-/// The corners of an image of these gradients that are at least `border` pixels from its ends: about `most`,
-/// spread evenly.
+/// The corners of an image with these gradients that are at least `border` pixels from its ends: about
+/// `most`, spread evenly.
 pub fn corners(gradients: &[Plane<f32>; 2], most: usize, border: usize, level: Level) -> Result<Vec<Corner>> {
     let strength = strengths(gradients, level)?;
     let (rows, cols) = strength.size();
@@ -94,8 +94,7 @@ fn write_strengths(level: Level, a: &[f32], b: &[f32], c: &[f32], out: &mut [f32
     }
 }
 
-/// The largest strength over the window around each pixel of the middle one of some rows; nothing at their
-/// ends.
+/// The largest strength in the window around each pixel of the middle row; nothing at its ends.
 #[leveled]
 fn write_largest(level: Level, rows: &[&[f32]; SIDE], out: &mut [f32]) {
     let mut columns = vec![0.0f32; out.len()];

@@ -7,7 +7,7 @@
 //! gradients   Sobel: [-1 0 1] along one axis, [1 2 1] along the other, over 8
 //! ```
 //!
-//! Sums have a fixed order, so the bits depend neither on threads nor on instructions.
+//! Sums have a fixed order, so the bits do not depend on threads or instructions.
 
 use std::array::from_fn;
 
@@ -19,14 +19,14 @@ use phasestereo_match::base::statistics::quantile;
 
 /// Percentiles that become black and white: a few pixels at the ends may be mistakes.
 const ENDS: [f64; 2] = [0.005, 0.995];
-/// One in this many rows and columns is looked at for them.
+/// Every this many rows and columns, one is sampled for them.
 const STRIDE: usize = 4;
 /// A Gaussian is cut off at this many standard deviations.
 const REACH: f64 = 3.0;
 /// Values that are summed at once.
 const LANES: usize = 64;
 
-/// The image with its values stretched to 0 to 255. What is not finite becomes black.
+/// The image with its values stretched to 0 to 255. Non-finite values become black.
 pub fn stretched(image: &Plane<f32>) -> Plane<f32> {
     let rows = (0..image.rows()).step_by(STRIDE);
     let mut values: Vec<f32> = rows.flat_map(|y| image.row(y).iter().step_by(STRIDE).copied()).collect();
@@ -39,7 +39,7 @@ pub fn stretched(image: &Plane<f32>) -> Plane<f32> {
     image.map(|value| if *value > low { ((value - low) * scale).min(255.0) } else { 0.0 })
 }
 
-/// The image without the last rows and columns, so that their numbers are multiples of a factor.
+/// The image without the last rows and columns, so that the size is a multiple of a factor.
 pub fn cropped(image: &Plane<f32>, factor: usize) -> Result<Plane<f32>> {
     let (rows, cols) = (image.rows() / factor * factor, image.cols() / factor * factor);
     let mut out = Plane::new(rows, cols)?;
@@ -122,7 +122,7 @@ impl Kernel {
         self.weights.len() - 1
     }
 
-    /// What `write` writes into each of some rows, under the kernel along it.
+    /// The rows that `write` writes, each under the kernel along it.
     pub fn along(
         &self,
         (rows, cols): (usize, usize),
@@ -148,14 +148,14 @@ impl Kernel {
         Ok(along)
     }
 
-    /// Row `y` of what is under the kernel along rows, under that along columns.
+    /// Row `y`, under the kernel along columns, of an image already under the kernel along rows.
     pub fn down(&self, along: &Plane<f32>, y: usize, level: Level, out: &mut [f32]) {
         let tap = |k: isize| along.row(reflect(y as isize + k, along.rows()));
         let sides: Vec<_> = (1..=self.radius() as isize).map(|k| [tap(-k), tap(k)]).collect();
         mix(level, &self.weights, tap(0), &sides, out);
     }
 
-    /// `N` values of that row, from the one at `first` on.
+    /// `N` values of that row, starting at `first`.
     #[inline(always)]
     pub fn down_at<const N: usize>(&self, along: &Plane<f32>, y: usize, first: usize) -> [f32; N] {
         let tap = |k: isize| &along.row(reflect(y as isize + k, along.rows()))[first..][..N];
@@ -192,7 +192,7 @@ fn mix(level: Level, weights: &[f32], middle: &[f32], sides: &[[&[f32]; 2]], out
     mix_from(first, weights, middle, sides, chunks.into_remainder());
 }
 
-/// The same from a value on. Where their number is known, the sums stay in registers.
+/// The same, starting at a value. With a known number of values, the sums stay in registers.
 #[inline(always)]
 fn mix_from(first: usize, weights: &[f32], middle: &[f32], sides: &[[&[f32]; 2]], out: &mut [f32]) {
     let count = out.len();
@@ -222,7 +222,7 @@ pub fn gradients(image: &Plane<f32>, level: Level) -> Result<[Plane<f32>; 2]> {
     Ok([along, down])
 }
 
-/// Those of the middle one of three rows.
+/// The gradients of the middle one of three rows.
 #[leveled]
 fn write_gradients(level: Level, three: [&[f32]; 3], along: &mut [f32], down: &mut [f32]) {
     let cols = along.len();

@@ -13,36 +13,35 @@ use phasestereo_match::base::linear::Normal;
 use phasestereo_match::base::math;
 use phasestereo_match::base::statistics::{biweight, deviation};
 
-/// What is added to the spread of rows, pixels: no match is more exact.
+/// The minimum added to the spread of rows, pixels: no match is more exact.
 const SPREAD: f64 = 0.05;
 /// Errors beyond this many spreads do not count.
 const CUT: f64 = 4.7;
-/// How many errors that go together count as one.
+/// Number of correlated errors that count as one.
 const TOGETHER: f64 = 6.0;
-/// Tries to damp a step, and what it must reach, in deviations.
+/// Tries to damp a step, and the improvement it must reach, in deviations.
 const TRIES: usize = 8;
 const STILL: f64 = 2e-3;
-/// Matches agree with cameras if their rows are at most this many spreads apart, or such a share of the
-/// width.
+/// Matches agree with cameras if their rows are at most this many spreads apart, or this share of the width.
 const AGREE: (f64, f64) = (4.0, 0.004);
 
 /// Fitted cameras.
 pub struct CameraFit {
     /// The cameras.
     pub cameras: Cameras,
-    /// The weight of each match by how well it agrees, 0 for mistakes.
+    /// The weight of each match by its agreement, 0 for mistakes.
     pub weights: Vec<f64>,
     /// The spread of the rows, pixels.
     pub spread: f64,
-    /// The normal equations at the end, whose inverse is the covariance of the numbers.
+    /// The final normal equations; their inverse is the covariance of the numbers.
     pub normal: Normal<NUMBERS>,
 }
 
-/// How many steps to take at most, and how many of them before Tukey's weights.
+/// Most steps, and how many of them come before Tukey's weights.
 #[derive(Debug, Clone, Copy)]
 pub struct Steps(pub usize, pub usize);
 
-/// Fits cameras to matches of these weights, beginning with some.
+/// Fits cameras to matches of these weights, starting from given ones.
 pub fn fit(
     matches: &[CornerMatch],
     weights: &[f64],
@@ -103,20 +102,20 @@ pub fn fit(
 }
 
 impl CameraFit {
-    /// How improbable the cameras are: the logarithm of the spread for each match, and numbers that are
-    /// unusual.
+    /// How improbable the cameras are: the logarithm of the spread for each match, plus the cost of unusual
+    /// numbers.
     pub fn improbability(&self) -> f64 {
         let count = self.weights.len() as f64;
         math::ln(self.spread) + TOGETHER * held(&self.cameras) / (2.0 * count)
     }
 }
 
-/// What numbers cost that are unusual.
+/// The cost of unusual numbers.
 fn held(cameras: &Cameras) -> f64 {
     cameras.numbers().iter().map(|number| number * number).sum()
 }
 
-/// Takes a step that is damped until it is good; the largest change.
+/// Takes a step, damped until it improves; returns the largest change.
 fn improve(
     cameras: &mut Cameras,
     damping: &mut f64,
@@ -139,9 +138,8 @@ fn improve(
     0.0
 }
 
-/// Cameras fitted anew to matches of which some agree, and how near the rows of those are that agree with
-/// them; the best first. They begin with usual lenses, barrel and pincushion, and with such as may differ
-/// much.
+/// Cameras refitted to matches, some of which agree, and the row tolerance of those that agree with each; the
+/// best first. They start from usual lenses, barrel and pincushion, and from lenses that may differ much.
 pub fn fitted(matches: &[CornerMatch], agreeing: &[bool], size: (usize, usize)) -> [(Cameras, f64); 3] {
     let least = AGREE.1 * size.1 as f64;
     let start = |(spreads, k1): ([f64; NUMBERS], f64)| {

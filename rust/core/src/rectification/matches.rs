@@ -1,37 +1,37 @@
-//! Corners of the left image found again in the right one, by their codes.
+//! Matches of corners between the left and the right image, by their codes.
 //!
 //! ```text
-//! likeness(i, j) = code[i] . code[j]       # where rows are at most 20 % of the width apart, scales at most a factor of 2.1
-//! j = the likest of i;   next = the largest likeness of i elsewhere, more than 10 px from j
-//! match if the likest of j is i, or within 3 px of it, and distance(i, j) < 0.85 distance(next)
+//! likeness(i, j) = code[i] . code[j]   # for rows at most 20 % of the width apart, scales at most 2.1 times
+//! j = the most similar to i;   next = the largest likeness of i elsewhere, more than 10 px from j
+//! match if the most similar to j is i, or within 3 px of it, and distance(i, j) < 0.85 distance(next)
 //! ```
 //!
-//! The squared distance of two codes of length 1 is twice what their product is short of 1. Products are
-//! integers.
+//! The squared distance of two codes of length 1 is 2 minus twice their product. Products are integers.
 
 use std::collections::BTreeSet;
 
 use super::codes::{CornerCode, Features, LENGTH, UNIT};
 use phasestereo_match::base::simd::{Level, leveled};
 
-/// Rows by which a corner may be elsewhere, as a share of the width.
+/// Rows within which a corner's match is searched, as a share of the width.
 const ROWS: f64 = 0.20;
 /// Largest ratio of scales.
 const SCALES: f64 = 2.1;
-/// Largest ratio of the distances to the likest corner and to the next one elsewhere.
+/// Largest ratio of the distances to the most similar corner and to the next one elsewhere.
 const RATIO: f64 = 0.85;
 /// Least likeness, as a share of that of equal codes.
 const LEAST: f64 = 0.5;
-/// How near two corners show the same thing, and how far they show another, in pixels of their level.
+/// Largest distance of two corners that show the same thing, and smallest of two that show different things,
+/// in pixels of their level.
 const SAME: f64 = 3.0;
 const ELSEWHERE: f64 = 10.0;
-/// Several matches within a square of this many pixels are one on several levels.
+/// Matches within a square of this many pixels are one corner on several levels.
 const SQUARE: f64 = 6.0;
 /// Products that are summed at once.
 pub const SUMMED: usize = 16;
 const _: () = assert!(LENGTH.is_multiple_of(SUMMED), "a product leaves out values of a code");
 
-/// A place of the left image and that of the same thing in the right one: columns and rows.
+/// A place of the left image, and the place of the same thing in the right one: columns and rows.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CornerMatch {
     /// In the left image.
@@ -40,16 +40,16 @@ pub struct CornerMatch {
     pub right: [f64; 2],
 }
 
-/// The likest right corner of a left one.
+/// The most similar right corner of a left one.
 #[derive(Debug, Clone, Copy)]
 struct Likest {
     corner: usize,
     likeness: i32,
-    /// That of the next one elsewhere.
+    /// The likeness of the next one elsewhere.
     next: i32,
 }
 
-/// Matches corners, given their codes, in images of this many columns. The likest come first.
+/// Matches corners, given their codes, in images of this many columns. The most similar come first.
 pub fn matched(
     [left, right]: [&Features; 2],
     [left_codes, right_codes]: [&[CornerCode]; 2],
@@ -57,7 +57,7 @@ pub fn matched(
     simd: Level,
 ) -> Vec<CornerMatch> {
     let window = ROWS * cols as f64;
-    // Of the right corners, by rows, only some are near enough.
+    // Of the right corners, sorted by rows, only some are near enough.
     let mut order: Vec<usize> = (0..right.places.len()).collect();
     order.sort_by(|a, b| right.places[*a][1].total_cmp(&right.places[*b][1]));
 
@@ -121,7 +121,7 @@ impl Likest {
     }
 }
 
-/// By how much columns and rows differ, added up.
+/// The sum of the differences in columns and in rows.
 fn distance(one: [f64; 2], other: [f64; 2]) -> f64 {
     (one[0] - other[0]).abs() + (one[1] - other[1]).abs()
 }
@@ -134,8 +134,8 @@ fn write_products(level: Level, code: &CornerCode, codes: &[CornerCode], out: &m
     }
 }
 
-/// The sum of the products of two lists, whose length is a multiple of [`SUMMED`]. Of arrays instead of slices,
-/// or of slices whose length is not known, the compiler makes products of a few values each.
+/// The sum of the products of two lists whose length is a multiple of [`SUMMED`]. For arrays instead of
+/// slices, or slices of unknown length, the compiler multiplies only a few values at a time.
 #[inline(always)]
 pub fn scalar_product(one: &[i16], other: &[i16]) -> i32 {
     let mut sums = [0i32; SUMMED];

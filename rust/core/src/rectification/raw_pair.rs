@@ -1,24 +1,25 @@
-//! Pairs of which nobody knows the cameras, and that are farther from rectified than their rows can be
-//! aligned: they are rectified by what their images show.
+//! Pairs with unknown cameras that are too far from rectified for their rows to be aligned: they are
+//! rectified from their images.
 //!
 //! ```text
-//! apart  = how far apart rows stay by the best field of offsets, pixels    # crate::estimation::rows
+//! apart  = the row differences that the best field of offsets leaves, pixels    # crate::estimation::rows
 //! try, if lenses distort, or apart >= TRIED and blocks do not show that rows correspond;
-//!      give up at once where corners do not show that rows differ      # crate::rectification
-//! accept, if the cameras explain the rows: the rows of blocks were LEAST_RATIO times what the cameras leave of them, and the
-//!                  cameras have evidence over the field; lenses that distort need none
+//!      give up at once if corners do not show that rows differ      # crate::rectification
+//! accept, if the cameras explain the rows: block row differences were LEAST_RATIO times those that remain,
+//!                  and the evidence favors the cameras over the field; distorting lenses do not need it
 //!                  and small copies of the rectified pair match about as well;
 //!         or if these match much better;
-//!         but not if rows differ by less than one image is softer than the other
+//!         but not if rows differ by less than the difference in softness of the images
 //! ```
 //!
-//! Where rows are not tried but are off, the axis alone is looked at ([`super::axis`]).
+//! If rows are off but rectification is not tried, only the axis is checked ([`super::axis`]).
 //!
-//! All of it is in pixels of the images: what copies of a large image say of its rows depends on their size.
+//! All of it is in pixels of the full images: the evidence of reduced copies about rows depends on their
+//! size.
 //!
-//! A pair that is hard to match for other reasons, as noise or blur, would only be resampled once more.
-//! Blocks that were followed often show that before any cameras are looked for, and matched corners before
-//! they are fitted to blocks, which takes longer than a match.
+//! A pair that is hard to match for other reasons, such as noise or blur, would only be resampled once more.
+//! Followed blocks often show this before any search for cameras, and matched corners before the fit to
+//! blocks, which takes longer than a match.
 
 use std::sync::Arc;
 
@@ -37,50 +38,49 @@ use phasestereo_match::pair::Pair;
 use phasestereo_match::pair::alignment::TERMS;
 use phasestereo_match::settings::Settings;
 
-/// Rows that stay farther apart by the best field of offsets, pixels, may be those of raw cameras. None of 12
-/// aligned scenes is rectified then: sharp, with rows off by 1 px, with noise of 20 gray levels, or with both
-/// images out of focus.
+/// Least row differences, pixels, that the best field of offsets leaves if raw cameras are suspected. None of
+/// 12 aligned scenes is then rectified: sharp, with rows off by 1 px, with noise of 20 gray levels, or with
+/// both images out of focus.
 const TRIED: f64 = 0.4;
-/// From this offset of rows on, rms in pixels, the axis is looked at. Not swept; rows of aligned scenes are
+/// Least offset of rows, rms in pixels, for which the axis is checked. Not swept; rows of aligned scenes are
 /// off by .4 px at most.
 const OFF: f64 = 1.0;
-/// Rows of raw images that differ by less, rms in pixels, are left to be aligned.
+/// Smaller row differences of raw images, rms in pixels, are left to alignment.
 const LEAST_ROWS: f64 = 0.5;
-/// The rows of blocks differ by this multiple of what the cameras leave, at least. Not swept.
+/// Least ratio of the row differences of blocks to those that the cameras leave. Not swept.
 const LEAST_RATIO: f64 = 3.0;
-/// By how much the mean confidence of small copies may fall once the pair is rectified: they hardly see
+/// Most by which the mean confidence of small copies may fall after rectification: they hardly see
 /// distortion. Not swept.
 const LARGEST_FALL: f64 = 0.02;
 /// A rise of the mean confidence with which cameras need no evidence of rows. Not swept.
 const LARGE_RISE: f64 = 0.10;
-/// A match takes this multiple of the time of its estimates, at most: 1.2 to 2.7 of 12 scenes and a pair of 6
+/// Most time of a match as a multiple of that of its estimates: 1.2 to 2.7 for 12 scenes and a pair of 6
 /// megapixels.
 const REST: u32 = 3;
 
-/// What came of the attempt to rectify a pair.
+/// The result of the attempt to rectify a pair.
 pub enum Attempt {
-    /// There was no need, or it did not help.
+    /// It was not needed, or did not help.
     None,
-    /// The images do not show how.
+    /// The images do not determine how.
     Refused(Refusal),
     /// It was rectified.
     Done(Box<RectifiedPair>),
 }
 
-/// A pair that was rectified by what its images show.
+/// A pair that was rectified from its images.
 pub struct RectifiedPair {
     /// The rectified pair.
     pub pair: Pair,
-    /// The estimates of it.
+    /// The estimates of the rectified pair.
     pub estimates: Estimates,
-    /// What is known of it.
+    /// The known facts about the rectified pair.
     pub facts: Facts,
     /// Its cameras.
     pub raw: Arc<Raw>,
 }
 
-/// Rectifies a pair with these estimates, if it needs to be, and if the budget has time for it and for the
-/// match.
+/// Rectifies a pair with these estimates, if needed, and if the budget leaves time for it and for the match.
 pub fn rectify_if_needed(
     pair: &Pair,
     before: &Estimates,
@@ -114,7 +114,7 @@ fn attempt(
     let [left, right] = pair.views();
     let grays = [gray(left, control)?, gray(right, control)?];
     if !may_help {
-        // Rows of one distance can be straightened, although they are off because of it.
+        // Rows at a single distance can be straightened, although the distance is what moves them.
         let shown = shown_axis(&grays, runtime)?;
         let clear = shown.filter(|axis| axis.is_along_columns());
         return Ok(clear.map_or(Attempt::None, |axis| Attempt::Refused(Refusal::Axis(axis))));
@@ -125,7 +125,7 @@ fn attempt(
     let rectification = match rectified_at_some_size(&grays, aim, runtime)? {
         Ok(found) if found.rows >= LEAST_ROWS.max(softness(before)) => found,
         Ok(_) | Err(Refusal::NotNeeded) => return Ok(Attempt::None),
-        // What differs from row to row differs among corners, too, whatever their distance.
+        // Differences between rows also differ between corners, whatever their distance.
         Err(Refusal::Axis(_)) if before.sways() => return Ok(Attempt::None),
         Err(refusal) => return Ok(Attempt::Refused(refusal)),
     };
@@ -149,8 +149,8 @@ fn attempt(
     Ok(Attempt::Done(Box::new(RectifiedPair { pair, estimates, facts, raw })))
 }
 
-/// The cameras of a pair; where images of this size do not show them, as with noise, those that images of
-/// half the size show.
+/// The cameras of a pair; if images of this size do not show them, for example because of noise, those that
+/// images of half the size show.
 fn rectified_at_some_size(
     grays: &Grays,
     aim: Aim,
@@ -166,7 +166,7 @@ fn rectified_at_some_size(
     Ok(again.map_err(|_| refusal))
 }
 
-/// Whether cameras explain the rows of a pair better than the best field of offsets, by which they stay
+/// Whether cameras explain the rows of a pair better than the best field of offsets, which leaves them
 /// `apart`.
 fn explains(found: &Rectification, apart: f64, is_distorted: bool) -> bool {
     let left = math::hypot(found.error, found.rms);
@@ -175,19 +175,19 @@ fn explains(found: &Rectification, apart: f64, is_distorted: bool) -> bool {
     is_better && found.rows >= LEAST_RATIO * found.rms
 }
 
-/// Whether rows are off so far that the images may be those of cameras one above the other. Rows that sway
-/// are explained by that.
+/// Whether rows are so far off that the images may come from cameras one above the other. Swaying rows
+/// explain it otherwise.
 fn is_off(estimates: &Estimates) -> bool {
     !estimates.sways() && estimates.offsets.as_ref().is_some_and(|found| found.field.rms() >= OFF)
 }
 
-/// Whether rows are bent as by lenses that distort.
+/// Whether rows are bent as if by distorting lenses.
 fn is_distorted(estimates: &Estimates) -> bool {
     estimates.offsets.as_ref().is_some_and(|found| found.distortion().is_some())
 }
 
-/// The standard deviation of the blur that most of one image has more than the other, pixels: blocks of such
-/// images are off by a share of it, which cameras would explain, too.
+/// The standard deviation of the blur that most of one image has in addition to the other's, pixels: blocks
+/// of such images are off by a share of it, which cameras would explain, too.
 fn softness(estimates: &Estimates) -> f64 {
     let blurs = estimates.blur.as_ref().map_or(&[][..], |blur| &blur.blurs);
     blurs.first().map_or(0.0, Blur::spread)
@@ -199,13 +199,13 @@ fn correspond(estimates: &Estimates) -> bool {
     rows.is_some_and(|found| found.field.rms() + found.error < LEAST_ROWS)
 }
 
-/// Whether a pair may be resampled: nothing that is known of it says otherwise.
+/// Whether a pair may be resampled: no known fact rules it out.
 fn can_be_tried(estimates: &Estimates, facts: &Facts, settings: &Settings) -> bool {
     let is_same = estimates.is_one_image();
     settings.self_rectify && !is_same && !facts.is_of_these_pixels() && !estimates.is_inverted
 }
 
-/// A pair whose pixels are at these places of the raw images.
+/// The pair with its pixels taken from these places of the raw images.
 pub fn resampled(pair: &Pair, places: &[Plane<[f32; 2]>; 2], control: &Control) -> Result<Pair> {
     let [left, right] = pair.views();
     let views = [warp::rectified(left, &places[0], control)?, warp::rectified(right, &places[1], control)?];

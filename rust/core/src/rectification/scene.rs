@@ -32,7 +32,7 @@ pub fn disparity(x: f64, y: f64, cols: usize) -> f64 {
     0.03 * cols + 0.02 * y + 0.01 * cols * phasestereo_match::base::math::sin(6.0 * x / cols)
 }
 
-/// The raw left and right image that cameras take of the surface.
+/// The raw left and right images that cameras take of the surface.
 pub fn pair(cameras: &Cameras, (rows, cols): (usize, usize), seed: u64) -> [Plane<f32>; 2] {
     let left = Plane::from_fn(rows, cols, |y, x| {
         let [u, v] = cameras.rectified([x as f64, y as f64], 0);

@@ -1,8 +1,8 @@
 //! A raw view -> the rectified one, and a map of the rectified pair -> one of the raw left image.
 //!
 //! ```text
-//! place = where the rectified pixel is in the raw image, in steps of 1 / 64 pixel
-//! out = sum over rows j and columns i of 8 x 8 pixels about the place of weights[j] weights[i] raw    # Lanczos
+//! place = the raw place of the rectified pixel, in steps of 1 / 64 pixel
+//! out = sum over rows j and columns i of 8 x 8 pixels around it of weights[j] weights[i] raw    # Lanczos
 //! valid if the place is inside the raw image, and the raw pixel nearest to it is valid
 //!
 //! q = the place of the raw left pixel p in the rectified image;   d = disparity of the pixel nearest to q
@@ -10,11 +10,11 @@
 //! disparity(p) = p.x - p'.x,  rows(p) = p'.y - p.y
 //! ```
 //!
-//! A map of the raw pair becomes one of the rectified pair by the solution of this for `d`.
+//! A map of the raw pair is converted to one of the rectified pair by solving this for `d`.
 //!
-//! The weights are those of [`phasestereo_match::image::resampling`]. Disparities are taken as they are, from
-//! the nearest pixel, since a mean over a jump would be neither side's. Sums have a fixed order; those of
-//! integers are exact.
+//! The weights are those of [`phasestereo_match::image::resampling`]. Disparities are copied from the nearest
+//! pixel, since a mean over a jump would belong to neither side. Sums have a fixed order; those of integers
+//! are exact.
 
 use std::array::from_fn;
 
@@ -32,16 +32,16 @@ use phasestereo_match::refinement::flag;
 /// Pixels whose places are computed at once.
 const LANES: usize = 32;
 
-/// Where each pixel of a rectified image is in the raw one: column and row, NaN where no ray comes from.
+/// The raw place of each pixel of a rectified image: column and row, NaN where no ray comes from.
 pub type Places = Plane<[f32; 2]>;
 
 /// How images are read between their pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Interpolation {
-    /// By the four pixels around a place, in single precision, with 0 beyond the image: as OpenCV's `remap`
-    /// does.
+    /// From the four pixels around a place, in single precision, with 0 beyond the image, like OpenCV's
+    /// `remap`.
     Linear,
-    /// By 8 x 8 pixels, at 64 places between two; the border is repeated.
+    /// From 8 x 8 pixels, at 64 places between two; the border is repeated.
     Lanczos,
 }
 
@@ -84,7 +84,7 @@ struct Warp<'a> {
 }
 
 impl Warp<'_> {
-    /// The rectified pixels that lie inside a raw image of this size, on valid pixels.
+    /// The rectified pixels whose places are inside a raw image of this size, on valid pixels.
     fn mask(
         &self,
         (rows, cols): (usize, usize),
@@ -127,7 +127,7 @@ impl Resampler for Warp<'_> {
     }
 }
 
-/// A row of resampled pixels, to be written.
+/// A row of resampled pixels, writable.
 struct LanczosRow<'a, T, N> {
     source: &'a RawPixels<'a, T, N>,
     places: &'a [[f32; 2]],
@@ -157,7 +157,7 @@ struct RawPixels<'a, T, N> {
 }
 
 impl<T: Copy + Into<f64>, N: Fn(f64) -> T> RawPixels<'_, T, N> {
-    /// Writes the channels at a place. Beyond the image its border is repeated; nowhere is 0.
+    /// Writes the channels at a place. Beyond the image its border is repeated; a missing place gives 0.
     #[inline(always)]
     fn write(&self, weights: &[[i32; TAPS]; STEPS as usize], place: [f32; 2], out: &mut [T]) {
         if place[0].is_nan() {
@@ -171,7 +171,7 @@ impl<T: Copy + Into<f64>, N: Fn(f64) -> T> RawPixels<'_, T, N> {
         let clamp = |at: isize, length: usize| at.clamp(0, length as isize - 1) as usize;
         let columns: [usize; TAPS] = from_fn(|tap| clamp(column + tap as isize, self.cols));
         let length = self.cols * self.channels;
-        // Where the values lie side by side; else where none do.
+        // Where the values begin if they lie side by side; else beyond the row.
         let is_inside = self.channels == 1 && columns[TAPS - 1] - columns[0] == TAPS - 1;
         let first = if is_inside { columns[0] } else { length };
 
@@ -193,14 +193,14 @@ impl<T: Copy + Into<f64>, N: Fn(f64) -> T> RawPixels<'_, T, N> {
         }
     }
 
-    /// Writes the channels between the four pixels around a place. Places that are nowhere give 0.
+    /// Writes the channels interpolated between the four pixels around a place. Missing places give 0.
     fn write_linear(&self, place: [f32; 2], out: &mut [T]) {
         let corner = place.map(f32::floor);
         let [right, down] = from_fn(|axis| f64::from(place[axis] - corner[axis]));
         let farthest = self.rows.max(self.cols) as f32;
         let [column, row] = corner.map(|at| at.clamp(-2.0, farthest) as isize);
 
-        // A product of singles is exact as a double: only what comes of each step is rounded.
+        // A product of singles is exact as a double: only the result of each step is rounded.
         let single = |value: f64| f64::from(value as f32);
         let between = |one: f64, other: f64, share: f64| single(one + single(other - one) * share);
         for (channel, out) in out.iter_mut().enumerate() {
@@ -216,8 +216,8 @@ impl<T: Copy + Into<f64>, N: Fn(f64) -> T> RawPixels<'_, T, N> {
     }
 }
 
-/// A map of the rectified pair as one of the raw left image, and by how many rows each pixel is lower in the
-/// raw right image (NaN where there is no disparity).
+/// A map of the rectified pair, converted to the raw left image, and how many rows lower each pixel is in the
+/// raw right image (NaN without a disparity).
 pub fn raw(map: &Disparity, cameras: &Cameras, control: &Control) -> Result<(Disparity, Plane<f32>)> {
     let claims = claims(&map.disparity, cameras, control)?;
 
@@ -244,20 +244,21 @@ pub fn raw(map: &Disparity, cameras: &Cameras, control: &Control) -> Result<(Dis
     Ok((raw, claims.map(|claim| claim.lower)))
 }
 
-/// Disparities of the rectified pair as those of the raw left image; NaN where there are none.
+/// Disparities of the rectified pair, converted to the raw left image; NaN without one.
 pub fn raw_disparity(disparity: &Plane<f32>, cameras: &Cameras, control: &Control) -> Result<Plane<f32>> {
     Ok(claims(disparity, cameras, control)?.map(|claim| claim.disparity))
 }
 
-/// What a raw left pixel has of the rectified pixel that is nearest to it. NaN where there is no disparity.
+/// The data that a raw left pixel takes from the nearest rectified pixel. NaN without a disparity.
 #[derive(Debug, Clone, Copy, Default)]
 struct Claim {
-    /// The number of the rectified pixel, in reading order; that of all pixels, if it lies beyond the image.
+    /// The number of the rectified pixel in reading order, or the number of pixels if it lies beyond the
+    /// image.
     index: u64,
-    /// By how many columns the pixel is farther left in the raw right image, and by how many rows lower.
+    /// How many columns farther left the pixel is in the raw right image, and how many rows lower.
     disparity: f32,
     lower: f32,
-    /// How many raw columns a rectified one is there.
+    /// Raw columns per rectified column there.
     scale: f32,
 }
 
@@ -284,28 +285,28 @@ fn claims(disparity_map: &Plane<f32>, cameras: &Cameras, control: &Control) -> R
     })
 }
 
-/// The places of pixels of the raw left image, from a column and row on, in the rectified one.
+/// The rectified places of pixels of the raw left image, from a column and row on.
 #[leveled]
 fn rectified_row(level: Level, cameras: &Cameras, at: [usize; 2]) -> [Point; LANES] {
     cameras.rectified_row(at[0], at[1], 0)
 }
 
-/// Where a claim of a raw left pixel is in the rectified left image.
+/// The place of a raw left pixel's claim in the rectified left image.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct RawPlace {
-    /// The number of the pixel, in reading order; that of all pixels, if it has no claim or lies beyond the
-    /// image.
+    /// The number of the pixel in reading order, or the number of pixels if it has no claim or lies beyond
+    /// the image.
     pub index: u64,
-    /// How many raw columns a rectified one is there.
+    /// Raw columns per rectified column there.
     pub columns: f32,
 }
 
 /// The places of raw left pixels.
 pub type RawPlaces = Plane<RawPlace>;
 
-/// A map of the raw pair -> that of the pair that is rectified by these cameras, whose left pixels are at
-/// `places`. A rectified pixel has the claim of a raw one that lies in it, else that of the raw pixel nearest
-/// to its own place.
+/// A map of the raw pair -> that of the pair rectified by these cameras; its left pixels are at `places`. A
+/// rectified pixel takes the claim of a raw one that lies in it, else that of the raw pixel nearest to its
+/// own place.
 pub fn matched(
     map: &Plane<f32>,
     cameras: &Cameras,
@@ -344,8 +345,8 @@ pub fn matched(
 /// Newton's steps to a rectified disparity: the places of raw columns are nearly straight.
 const NEWTON: usize = 6;
 
-/// Of a raw left pixel with a claim in raw columns: the rectified disparity, and how many raw columns a
-/// rectified one is there.
+/// For a raw left pixel with a claim in raw columns: the rectified disparity, and the raw columns per
+/// rectified column there.
 fn rectified_claim(cameras: &Cameras, place: Point, claim: f32) -> Option<[f32; 2]> {
     let wanted = place[0] - f64::from(claim);
     if !wanted.is_finite() {
@@ -364,9 +365,9 @@ fn rectified_claim(cameras: &Cameras, place: Point, claim: f32) -> Option<[f32; 
     is_found.then_some([disparity as f32, columns as f32])
 }
 
-/// Of raw left pixels from a column and row on, their rectified places and rectified disparities: by how many
-/// columns each is farther left in the raw right image, by how many rows lower, and how many raw columns a
-/// rectified one is there; NaN where one of them is not known.
+/// For raw left pixels from a column and row on: their rectified places and disparities, how many columns
+/// farther left each is in the raw right image, how many rows lower, and the raw columns per rectified
+/// column; NaN if one of them is unknown.
 #[leveled]
 fn claims_of(
     level: Level,
@@ -493,7 +494,7 @@ mod tests {
         {
             assert_eq!(claim.is_nan(), place.columns.is_nan(), "{y}");
             let Some(found) = back.as_slice().get(place.index as usize) else { continue };
-            // Several raw pixels may lie in one, those of a row above or below.
+            // Several raw pixels may lie in one, for example from a row above or below.
             let known = map().disparity.as_slice()[place.index as usize];
             assert!((found - known).abs() < 0.13, "{found} {known}");
             seen += 1;
