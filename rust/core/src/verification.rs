@@ -1,21 +1,22 @@
-//! A second opinion on a disparity map of any origin: which of its pixels the images refute, support, or
+//! A second opinion on a disparity map from any source: which of its pixels the images refute, support, or
 //! cannot judge.
 //!
 //! The pair is prepared as for a match (rows, blur, light, noise) and matched over the disparities that were
 //! found and those that the map claims. The match is one witness, the costs at the claims another; a claim is
-//! refuted by what both say of the area around it:
+//! refuted by the evidence of both in the area around it:
 //!
 //! ```text
 //! pair, estimates = prepare(pair)                         # as for a match
-//! claims          = finite disparities of the map         # is their sign or their scale another one?
+//! claims          = finite disparities of the map         # possibly with another sign or scale
 //! own             = match(pair, range found + range claimed)
 //! for each pixel with a claim:
-//!     refuted   if the score of `test` is high, and the own match holds the pixel for visible
+//!     refuted   if the score of `test` is high, and the own match considers the pixel visible
 //!     supported if own and claim differ by at most 1.5 px, and the own match is confident
 //!     unknown   else
 //! ```
 //!
-//! What the right image does not see it cannot refute, as far as the own match and the map know of it.
+//! The images cannot refute a claim about a point that the right image does not show, as far as the own match
+//! and the map show this.
 
 mod claims;
 pub mod evidence;
@@ -42,7 +43,7 @@ use phasestereo_match::pair::Pair;
 use phasestereo_match::pair::candidates::Candidates;
 use phasestereo_match::settings::Settings;
 
-/// What the images say of a claim.
+/// Verdicts of the images on a claim.
 pub mod verdict {
     /// The map claims no disparity here.
     pub const NO_CLAIM: u8 = 0;
@@ -54,7 +55,7 @@ pub mod verdict {
     pub const REFUTED: u8 = 3;
 }
 
-/// What the images say of a disparity map, in the pixels of the left image as it came.
+/// The verdict of the images on a disparity map, in the pixels of the original left image.
 #[derive(Debug)]
 pub struct Verification {
     /// Codes of [`verdict`].
@@ -67,7 +68,7 @@ pub struct Verification {
     pub uncertainty: Plane<f32>,
     /// Numbers of pixels by verdict, and of claims that lie outside the right image.
     pub counts: Counts,
-    /// What there is to say of the map as a whole, worst first.
+    /// Findings about the map as a whole, worst first.
     pub findings: Vec<Finding>,
     /// The own match.
     pub matched: Matched,
@@ -94,7 +95,7 @@ impl Counts {
     }
 }
 
-/// Judges a disparity map of the left image, in pixels; what is not finite claims nothing.
+/// Judges a disparity map of the left image, in pixels; non-finite values make no claim.
 pub fn verify(
     pair: Pair,
     map: &Plane<f32>,
@@ -106,14 +107,14 @@ pub fn verify(
     judged(ready, map, settings, runtime)
 }
 
-/// The same of a pair that is ready to be matched by these settings, along its rows.
+/// [`verify`] for a pair that is ready to be matched by these settings, along its rows.
 pub fn judged(
     mut ready: Ready,
     map: &Plane<f32>,
     settings: &Settings,
     runtime: Runtime,
 ) -> Result<Verification> {
-    // What is judged are the confidences of the own match, so it has some whatever the settings say.
+    // The judgment uses the confidences of the own match, so they are computed whatever the settings.
     let settings = Settings { confidence: true, ..settings.clone() };
     ready.prepared.settings.confidence = true;
     let size = ready.prepared.pair.size();
@@ -137,7 +138,7 @@ pub fn judged(
 
     let mut verdicts = claims.raw(verdicts, verdict::NO_CLAIM);
     for (verdict, claim) in verdicts.as_mut_slice().iter_mut().zip(map.as_slice()) {
-        // What lies outside the rectified image cannot be judged.
+        // Claims outside the rectified image cannot be judged.
         if *verdict == verdict::NO_CLAIM && claim.is_finite() {
             *verdict = verdict::UNKNOWN;
         }
@@ -160,8 +161,8 @@ pub fn judged(
     })
 }
 
-/// A match, and the traits of the claims of several maps beside it, in the left image as it came; NaN
-/// without a claim. From these the weights of [`judge`] are learned.
+/// A match, and the traits of the claims of several maps, in the original left image; NaN without a claim.
+/// The weights of [`judge`] are learned from these.
 pub fn observe(
     pair: Pair,
     maps: &[Plane<f32>],
@@ -185,10 +186,10 @@ pub fn observe(
     Ok((matched, traits))
 }
 
-/// The costs of a pair of which any two columns can be compared.
+/// The costs of a pair, between any two columns.
 fn any_costs<'a>(pair: &'a Pair, settings: &Settings, runtime: Runtime) -> Result<Costs<'a>> {
     let Runtime { execution, control, .. } = runtime;
-    // That is so where disparity 0 is a candidate.
+    // That holds if disparity 0 is a candidate.
     let any = Candidates::new(0, 1, pair.size().1)?;
     Costs::new(pair.views(), any, settings, pair.blur_compensation(), execution.level, control)
 }

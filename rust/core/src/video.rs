@@ -1,5 +1,5 @@
-//! The frames of two cameras, one after another: what a rig learns from them, and maps that are steady over
-//! time.
+//! The frames of two cameras, one after another: facts that a rig learns from them, and maps that are steady
+//! over time.
 
 pub mod choices;
 pub mod frames;

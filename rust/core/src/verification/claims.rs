@@ -1,5 +1,5 @@
-//! The claims of a map of the left image as it came -> those of the pair as it is matched, and what is found
-//! of these back.
+//! Claims of a map of the original left image -> those of the pair to match, and the conversion of results
+//! back.
 
 use crate::rectification::{Raw, warp};
 use phasestereo_match::base::control::Control;
@@ -9,14 +9,14 @@ use phasestereo_match::base::plane::Plane;
 /// The claims of a map.
 #[derive(Debug)]
 pub struct Claims {
-    /// Disparities of the pair as it is matched, pixels; what is not finite claims nothing.
+    /// Disparities of the pair to match, pixels; non-finite values make no claim.
     pub matched: Plane<f32>,
-    /// Where the pixels of the left image as it came are in a rectified one.
+    /// The places of the original left pixels in a rectified image.
     places: Option<warp::RawPlaces>,
 }
 
 impl Claims {
-    /// The claims of a map of images of this size, which were rectified by these cameras.
+    /// The claims of a map of images of this size, which these cameras rectified.
     pub fn new(
         map: &Plane<f32>,
         (rows, cols): (usize, usize),
@@ -39,13 +39,13 @@ impl Claims {
         Ok(Self { matched, places: Some(places) })
     }
 
-    /// What was found of the claims, in the left image as it came; `nothing` where no claim was judged.
+    /// Results about the claims, in the original left image; `nothing` where no claim was judged.
     pub fn raw<T: Copy>(&self, found: Plane<T>, nothing: T) -> Plane<T> {
         let Some(places) = &self.places else { return found };
         places.map(|place| found.as_slice().get(place.index as usize).copied().unwrap_or(nothing))
     }
 
-    /// The same of lengths along rows, NaN where no claim was judged.
+    /// The same for lengths along rows, NaN where no claim was judged.
     pub fn raw_lengths(&self, found: Plane<f32>) -> Plane<f32> {
         let Some(places) = &self.places else { return found };
         places.map(|place| {

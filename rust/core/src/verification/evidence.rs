@@ -1,21 +1,21 @@
-//! The costs of claims and of the own match -> evidence against the claims, summed over the area that they
-//! differ in.
+//! The costs of claims and of the own match -> evidence against the claims, summed over the area in which
+//! they differ.
 //!
-//! Where claim and own disparity differ, the pixels around that differ in the same direction are most likely
-//! the same mistake, of the map or of the match, and each pixel of it has costs of its own. Their differences
-//! are added along the two surfaces, slanted as they may be, and not at one disparity:
+//! Where claim and own disparity differ, surrounding pixels that differ in the same direction most likely
+//! belong to the same mistake, of the map or of the match, and each of them has costs of its own. Their
+//! differences are summed along both surfaces, even slanted ones, and not at one disparity:
 //!
 //! ```text
 //! for each pixel q:
 //!     side[q]  = sign of own[q] - claim[q], 0 if they differ by at most DIFFERENT
-//!     lower[q] = cost(q, claim[q]) - cost(q, own[q])      # 0 where either match lies outside the right image
+//!     lower[q] = cost(q, claim[q]) - cost(q, own[q])      # 0 if either match is outside the right image
 //! for each pixel p with a side:
 //!     same     = pixels q of the window around p with side[q] = side[p]
 //!     evidence[p] = sum of lower[q] over same / sqrt(number of same + FEW)
 //! ```
 //!
-//! So a claim that costs as much as the own disparity in every pixel has no evidence against it, and many
-//! small differences weigh as much as noise lets them. The costs of disparities between two candidates are
+//! So a claim that costs the same as the own disparity in every pixel has no evidence against it, and many
+//! small differences weigh as much as noise allows. The costs of disparities between two candidates are
 //! interpolated.
 
 use phasestereo_match::base::error::Result;
@@ -25,13 +25,13 @@ use phasestereo_match::image::window_sums::Windows;
 use phasestereo_match::matcher::Disparity;
 use phasestereo_match::matcher::runtime::Runtime;
 
-/// Parts of a pixel in which disparities are interpolated, so costs are in parts of a bit.
+/// Steps per pixel for interpolated disparities, so costs are in fractions of a bit.
 pub const STEPS: u32 = 256;
 /// Disparities further apart than this are different, pixels.
 pub const DIFFERENT: f32 = 0.8;
 /// Pixels from the center of the window to its side.
 const RADIUS: usize = 7;
-/// Pixels by which a small area counts less.
+/// Pixels that are added to the number, so that small areas count less.
 const FEW: f64 = 4.0;
 
 /// A pixel whose claim and own disparity differ.
@@ -39,12 +39,12 @@ const FEW: f64 = 4.0;
 struct Compared {
     /// -1: the own disparity is smaller, 1: it is larger, 0: neither.
     side: i8,
-    /// By how much the own disparity costs less.
+    /// How much less the own disparity costs.
     lower: i32,
 }
 
-/// The evidence against the claims of a map, bits per square root of the pixels, on the threads of the current
-/// pool; 0 where claim and own disparity agree or one is missing.
+/// The evidence against the claims of a map, bits per square root of the pixels, on the threads of the
+/// current pool; 0 where claim and own disparity agree or one is missing.
 pub fn against(map: &Plane<f32>, own: &Disparity, costs: &Costs, runtime: Runtime) -> Result<Plane<f32>> {
     let size = map.size();
     let compared = Plane::by_rows(size, runtime.control, |y, row| {
@@ -63,7 +63,7 @@ impl Compared {
     fn of(costs: &Costs, cols: usize, place: (usize, usize), claim: f32, own: f32) -> Self {
         let by = own - claim;
         let side = i8::from(by > DIFFERENT) - i8::from(by < -DIFFERENT);
-        // Infinity claims nothing, as NaN does.
+        // Infinity makes no claim, like NaN.
         if side == 0 || !claim.is_finite() {
             return Self::default();
         }
@@ -73,7 +73,8 @@ impl Compared {
         Self { side, lower }
     }
 
-    /// What it adds to the sums: differences and pixels of the negative side, then of the positive one.
+    /// The amounts it adds to the sums: differences and pixels of the negative side, then of the positive
+    /// one.
     fn by_side(self) -> [i32; 4] {
         match self.side {
             0 => [0; 4],
@@ -94,10 +95,10 @@ fn strength(side: i8, [below, few, above, many]: [i32; 4]) -> f32 {
     (f64::from(sum) / f64::from(STEPS) / (f64::from(pixels) + FEW).sqrt()) as f32
 }
 
-/// The cost of a pixel at a disparity between candidates, in parts of a bit; `None` where the match is
-/// invalid or lies outside the right image.
+/// The cost of a pixel at a disparity between candidates, in fractions of a bit; `None` if the match is
+/// invalid or outside the right image.
 pub fn cost_at(costs: &Costs, cols: usize, (y, x): (usize, usize), disparity: f32) -> Option<i32> {
-    // Beyond the image anyway, and too far for the integers below.
+    // Beyond the image anyway, and too large for the integers below.
     if disparity.is_nan() || disparity.abs() >= cols as f32 {
         return None;
     }

@@ -1,4 +1,4 @@
-//! The findings on a map as a whole.
+//! The findings about a map as a whole.
 
 use std::cmp::Reverse;
 
@@ -19,7 +19,7 @@ const LONGEST: usize = 200;
 const SHARES: &str = "the images refute {0} of the disparities, support {1}, and cannot judge {2}";
 
 table! {
-    /// All that is reported of a map.
+    /// All findings about a map.
     MAP of map: Verified;
     Map, Warning, when(map.misreading == Some(Misreading::Sign), []),
         "the sign of the map is inverted: its negative fits the images, and a disparity is the left column minus the \
@@ -36,7 +36,7 @@ table! {
         "most of the map cannot be judged: the images show too little there, or the match is not sure either";
 }
 
-/// What is reported of a map, the worst first.
+/// The findings about a map, the worst first.
 pub fn findings(counts: Counts, misreading: Option<Misreading>) -> Vec<Finding> {
     let map = Verified { counts, misreading };
     let mut findings = evaluated(MAP, |measure| measure(&map));
@@ -44,14 +44,14 @@ pub fn findings(counts: Counts, misreading: Option<Misreading>) -> Vec<Finding> 
     findings
 }
 
-/// What is reported of a second map before it is judged: numbers that are not disparities in pixels.
+/// The findings about a second map before it is judged: numbers that are not disparities in pixels.
 pub fn of_second(counts: Counts, misreading: Option<Misreading>) -> Vec<Finding> {
     let mut findings = findings(counts, misreading);
     findings.retain(|finding| finding.severity == Severity::Warning);
     findings
 }
 
-/// What is reported of a second matcher that has no map.
+/// The finding about a second matcher that returned no map.
 pub fn failed(name: &str, reason: &str) -> Finding {
     let reason: String = reason.lines().next().unwrap_or_default().chars().take(LONGEST).collect();
     let sentence =

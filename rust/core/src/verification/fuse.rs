@@ -3,18 +3,18 @@
 //! ```text
 //! near     = |own - claim| <= 1
 //! claimed  = probability that the claim is right                       # crate::verification::judge
-//! ahead    = ln(probability that the claim alone is right / that the own disparity alone is)   # as claimed
+//! ahead    = ln(probability that the claim alone is right / that the own disparity alone is)
 //! better   = sum of ahead > 0, over the pixels within 9 x 9 that are not near
-//! fused    = near: own + SHARE (claim - own), SHARE_IF_POOR if the own map has more than POOR of its pixels wrong
+//! fused    = near: own + SHARE (claim - own), SHARE_IF_POOR if more than POOR of the own map is wrong
 //!            better, or the own disparity is missing and claimed > 1/2: claim;  else own
-//! confidence = near, and of claims that are taken: claimed;  else claimed / exp(ahead), at most 1 - claimed and the own one
-//! bar      = near: the mean of both;  of claims that are taken: theirs;  else that of claims of this confidence
+//! confidence = near, or a claim taken: claimed;  else min(claimed / exp(ahead), 1 - claimed, own)
+//! bar      = near: the mean of both;  a claim taken: its own;  else that of claims of this confidence
 //! ```
 //!
-//! The surroundings decide, not the pixel alone: what differs around a pixel is most likely one mistake.
+//! The surroundings decide, not only the pixel: the differences around a pixel most likely form one mistake.
 //!
-//! The own confidence does not know of the claim, so what becomes of it where both differ is learned, too. A
-//! claim that differs never makes it higher.
+//! The own confidence ignores the claim, so its value where both differ is learned, too. A differing claim
+//! never raises it.
 
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::math::exp_single;
@@ -28,16 +28,16 @@ use phasestereo_match::refinement::flag;
 use crate::verification::judge::{Chance, bar, kept};
 use crate::verification::traits::AGREES;
 
-/// The weight of the claim in the mean of both: on the development scenes the mean has the fewest errors
-/// beyond 0.5 px with it.
+/// The weight of the claim in the mean of both: with it, the mean has the fewest errors beyond 0.5 px on the
+/// development scenes.
 const SHARE: f32 = 0.25;
-/// The same where the own map is poor.
+/// The same, if the own map is poor.
 const SHARE_IF_POOR: f32 = 0.5;
-/// Share of the own map that is probably wrong from which on it is poor. Not swept, as those below.
+/// Share of the own map that is probably wrong above which it is poor. Not swept, like those below.
 const POOR: f64 = 0.2;
 /// Pixels from the center to the side of the window over which odds are summed.
 const RADIUS: usize = 4;
-/// Steps of odds that are summed, and the largest ones: integers sum to the same in any order.
+/// Steps of odds that are summed, and the largest odds: integers give the same sum in any order.
 const STEPS: f32 = 1024.0;
 const LARGEST: f32 = 10.0;
 
@@ -91,7 +91,7 @@ pub fn fuse(
 }
 
 impl MapPixel {
-    /// A pixel of the own map and a claim -> that of the fused map; `None`: it stays as it is.
+    /// A pixel of the own map and a claim -> a pixel of the fused map; `None`: unchanged.
     fn fused(self, claim: f32, chance: Chance, is_better: bool, share: f32) -> Option<Self> {
         let Self { disparity: matched, flags, confidence: own, bar: own_bar } = self;
         let Chance { confidence, ahead, bar: claimed_bar } = chance;
@@ -105,7 +105,7 @@ impl MapPixel {
         }
         let is_taken = if matched.is_nan() { confidence > 0.5 } else { is_better };
         if is_taken {
-            // What the right image does not see holds of a claim, too.
+            // If the right image does not show a pixel, this holds for a claim, too.
             let flags = flags & flag::UNSEEN | flag::SECOND;
             return Some(Self { disparity: claim, flags, confidence, bar: claimed_bar });
         }

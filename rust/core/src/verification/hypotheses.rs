@@ -1,5 +1,5 @@
-//! What a map claims as a whole: the disparities to search because of it, and whether its numbers are meant
-//! otherwise.
+//! Claims of a map as a whole: the disparities to search because of them, and whether its numbers have
+//! another meaning.
 
 use crate::verification::Counts;
 use crate::verification::evidence::{STEPS, cost_at};
@@ -10,30 +10,30 @@ use phasestereo_match::settings::MOST_DISPARITIES;
 
 /// Share of the claims at either end that do not widen the range: maps have outliers.
 const OUTLIERS: usize = 200;
-/// Pixels that are searched beyond the claims.
+/// Pixels beyond the claims that are searched.
 const MARGIN: i64 = 2;
 /// Rows and columns that are sampled, at most, to find a misreading.
 const SAMPLES: usize = 96;
-/// Least advantage over pixels paired at random, as a share of their cost, of numbers that are read
-/// otherwise. Right maps have 0.5 to 0.8 on sharp pairs, and 0.15 or more under noise of 20 gray levels.
+/// Least advantage over pixels paired at random, as a share of their cost, of numbers with another meaning.
+/// Right maps have 0.5 to 0.8 on sharp pairs, and 0.15 or more under noise of 20 gray levels.
 const LEAST_ADVANTAGE: f64 = 0.1;
-/// Times the advantage of the claims as they are.
+/// Least ratio to the advantage of the unchanged claims.
 const CLEARLY: f64 = 3.0;
 
-/// How the numbers of a map are meant, if not as disparities in pixels that are positive in front of
+/// The meaning of the numbers of a map, if they are not disparities in pixels that are positive in front of
 /// infinity.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Misreading {
     /// With the opposite sign.
     Sign,
-    /// As this many parts of a pixel, 16 or 256.
+    /// In fractions of a pixel: 16ths or 256ths.
     Parts(u16),
 }
 
 impl Misreading {
     const ALL: [Self; 3] = [Self::Sign, Self::Parts(16), Self::Parts(256)];
 
-    /// The disparity that a number means.
+    /// The disparity that a number stands for.
     fn read(self, claim: f32) -> f32 {
         match self {
             Self::Sign => -claim,
@@ -41,8 +41,8 @@ impl Misreading {
         }
     }
 
-    /// The reading under which pixels match far better than as they stand, if there is one; of the costs, any
-    /// two columns can be compared.
+    /// The meaning with which pixels match far better than with the unchanged numbers, if there is one; the
+    /// costs must allow any two columns.
     pub fn of(sample: &Sample, costs: &Costs) -> Option<Self> {
         let random = sample.random(costs);
         let advantage = |reading: Option<Self>| {
@@ -80,14 +80,15 @@ impl Sample {
         Self { cols, claims: places.filter(|(_, _, claim)| claim.is_finite()).collect() }
     }
 
-    /// The numbers of claims, without verdicts, and of those that lie outside the right image.
+    /// The numbers of claims, without verdicts, and of those outside the right image.
     pub fn counts(&self) -> Counts {
         let is_outside = |(_, x, claim): &&(usize, usize, f32)| right_column(*x, *claim, self.cols).is_none();
         let outside = self.claims.iter().filter(is_outside).count() as u64;
         Counts { verdicts: [0, self.claims.len() as u64, 0, 0], outside }
     }
 
-    /// The sum of the costs of as many pixels with others of their row, in the unit of [`cost_at`].
+    /// The sum of the costs when each sampled pixel is paired with another of its row, in the unit of
+    /// [`cost_at`].
     fn random(&self, costs: &Costs) -> i64 {
         // A fixed stride pairs pixels as well as chance does.
         let pair = |(index, (y, x, _)): (usize, &(usize, usize, f32))| -> i64 {
@@ -97,8 +98,8 @@ impl Sample {
         self.claims.iter().enumerate().map(pair).sum()
     }
 
-    /// By what share the costs at some disparities are below those of pixels paired at random. Pixels whose
-    /// match would lie outside the right image cost as much as these.
+    /// The share by which the costs at some disparities are below those of pixels paired at random. Pixels
+    /// whose match would be outside the right image cost the same as these.
     fn advantage(&self, costs: &Costs, random: i64, read: impl Fn(f32) -> f32) -> f64 {
         let found: Vec<_> = self
             .claims
@@ -113,8 +114,8 @@ impl Sample {
     }
 }
 
-/// The disparities that were found, and those of nearly all claims whose match lies in the right image; the
-/// former alone if that were more than can be searched.
+/// The range that was found, widened to nearly all claims whose match lies in the right image; unchanged if
+/// that would exceed the searchable range.
 pub fn widened(found: Candidates, map: &Plane<f32>) -> Candidates {
     let cols = map.cols();
     // Disparities from `1 - cols` to `cols - 1`.
@@ -140,7 +141,7 @@ pub fn widened(found: Candidates, map: &Plane<f32>) -> Candidates {
     let (Some(low), Some(high)) = (low, high) else { return found };
 
     let (first, last) = (found.min() as i64, found.max() as i64);
-    // Only claims beyond what was found need a margin of their own.
+    // Only claims beyond the range that was found need a margin of their own.
     let low = if low < first { low - MARGIN } else { first }.max(1 - cols as i64);
     let high = if high > last { high + MARGIN } else { last }.min(cols as i64 - 1);
     let count = high - low + 1;
@@ -151,7 +152,7 @@ pub fn widened(found: Candidates, map: &Plane<f32>) -> Candidates {
     Candidates::new(low, count, cols).unwrap_or(found)
 }
 
-/// The right column nearest to the match that is claimed; `None` outside the image.
+/// The right column nearest to the claimed match; `None` outside the image.
 pub fn right_column(x: usize, claim: f32, cols: usize) -> Option<usize> {
     let right = (x as f32 - claim).round();
     let is_inside = right >= 0.0 && right < cols as f32;
@@ -175,7 +176,7 @@ mod tests {
 
         let range = widened(found, &claims(20.0));
         assert_eq!((range.min(), range.count()), (2, 21));
-        // One outlier does not widen it, nor does what lies outside the right image.
+        // It is not widened by one outlier, or by claims outside the right image.
         assert_eq!(widened(found, &claims(65.0)), range);
         assert_eq!(widened(found, &claims(1e9)), range);
         assert_eq!(widened(found, &claims(20.0).map(|_| f32::NAN)), found);

@@ -1,8 +1,8 @@
 //! The traits of a claim -> the probability that it is right, and its error bar.
 //!
 //! A claim is right if it is within 1 px of the true disparity. The logarithms of the odds are sums of lines
-//! through points, one for each trait, in three cases: the claim agrees with the own disparity, it does not,
-//! or the right image does not see the pixel as far as the own match knows:
+//! through points, one for each trait, in three cases: the claim agrees with the own disparity; it does not;
+//! or the right image does not show the pixel, as far as the own match shows:
 //!
 //! ```text
 //! odds       = offset + sum over traits of line(trait)
@@ -11,8 +11,8 @@
 //! ahead      = offset + sum over traits of line(trait)         # of pixels that differ, in all cases
 //! ```
 //!
-//! Where a claim and the own disparity differ, `ahead` is the logarithm of the odds that the claim is right, if
-//! one of both is. It has lines of its own.
+//! If a claim and the own disparity differ, `ahead` is the logarithm of the odds that the claim is right,
+//! given that one of them is. It has lines of its own.
 //!
 //! `phasestereo bench confidence` learns the lines and writes `weights.rs`.
 
@@ -38,7 +38,7 @@ use crate::verification::traits::{AGREES, LEAST, LOCAL, RowTraits, Stretch, TRAI
 pub const KNOTS: usize = 6;
 /// Cases with lines of their own.
 pub const CASES: usize = 3;
-/// Flags of pixels of which the own match knows nothing, or that the right image does not see.
+/// Flags of pixels without an own match, or that the right image does not show.
 pub const UNSEEN: u16 = flag::MISSING | flag::UNSEEN;
 
 /// Points of the lines of all traits.
@@ -47,11 +47,11 @@ type Lines = [[f32; KNOTS]; TRAITS];
 /// Learned weights.
 #[derive(Debug)]
 struct Weights {
-    /// Where the points of each trait are, ascending.
+    /// The places of the points of each trait, ascending.
     places: Lines,
-    /// What was learned, by case.
+    /// The learned weights, by case.
     cases: [Learned; CASES],
-    /// That a claim is right rather than the own disparity, where they differ.
+    /// Odds that a claim is right rather than the own disparity, where they differ.
     ahead: Odds,
 }
 
@@ -63,7 +63,7 @@ struct Odds {
     lines: Lines,
 }
 
-/// What was learned of one case.
+/// The learned weights of one case.
 #[derive(Debug)]
 struct Learned {
     odds: Odds,
@@ -71,12 +71,12 @@ struct Learned {
     bars: [f32; calibration::KNOTS],
 }
 
-/// How likely a claim is right.
+/// The chance that a claim is right.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Chance {
     /// The probability; 0 without a claim.
     pub confidence: f32,
-    /// The logarithm of the odds that the claim is right rather than the own disparity; 0 where they agree, or
+    /// The logarithm of the odds that the claim is right rather than the own disparity; 0 if they agree, or
     /// either is missing.
     pub ahead: f32,
     /// The error bar of the claim, pixels; NaN without one.
@@ -89,7 +89,7 @@ impl Default for Chance {
     }
 }
 
-/// How likely all claims are right, on the threads of the current pool.
+/// The chances of all claims, on the threads of the current pool.
 pub fn chances(traits: &Traits, runtime: Runtime) -> Result<Plane<Chance>> {
     let weights = &weights::WEIGHTS;
     let cases = weights.cases.each_ref().map(|learned| {
@@ -99,19 +99,19 @@ pub fn chances(traits: &Traits, runtime: Runtime) -> Result<Plane<Chance>> {
     traits.by_rows(runtime.control, |traits, row| judge_row(runtime.level(), traits, &cases, &ahead, row))
 }
 
-/// The error bar, pixels, of a disparity with this confidence and these flags where the match and the claim
+/// The error bar, pixels, of a disparity with this confidence and these flags, where the match and the claim
 /// differ.
 pub fn bar(confidence: f32, flags: u16) -> f32 {
     let case = if flags & UNSEEN != 0 { 2 } else { 1 };
     exp_single(Line::of_bars(&weights::WEIGHTS.cases[case].bars).at(odds(confidence)))
 }
 
-/// A confidence that is neither 0 nor 1.
+/// The confidence, kept away from 0 and 1.
 pub fn kept(confidence: f32) -> f32 {
     confidence.clamp(LEAST, 1.0 - LEAST)
 }
 
-/// A line through points, level beyond them: a height, and by how much it bends at each point but the last.
+/// A line through points, level beyond them: a height, and its bend at each point but the last.
 #[derive(Debug)]
 struct Line<const BENDS: usize> {
     height: f32,
@@ -120,7 +120,7 @@ struct Line<const BENDS: usize> {
 }
 
 impl<const BENDS: usize> Line<BENDS> {
-    /// The line through some points, whose places ascend.
+    /// The line through some points with ascending places.
     fn through(places: impl Fn(usize) -> f32, heights: &[f32]) -> Self {
         let mut before = 0.0;
         let bends = std::array::from_fn(|knot| {
@@ -150,7 +150,7 @@ impl Line<{ calibration::KNOTS - 1 }> {
     }
 }
 
-/// The odds of the pixels of one pair: what its traits add to them, and the lines of the local ones.
+/// The odds of the pixels of one pair: the contribution of its traits, and the lines of the local ones.
 struct Sum {
     offset: f32,
     lines: [Line<{ KNOTS - 1 }>; LOCAL],
@@ -173,7 +173,7 @@ impl Sum {
     }
 }
 
-/// Judges the claims of a row, a stretch at a time, by the cases that are in it.
+/// Judges the claims of a row, a stretch at a time, by the cases that occur in it.
 #[leveled]
 fn judge_row(
     level: Level,
@@ -220,7 +220,7 @@ fn judge_row(
     }
 }
 
-/// The probability with these logarithms of the odds.
+/// The probability for this logarithm of the odds.
 #[inline(always)]
 fn probability(odds: f32) -> f32 {
     1.0 / (1.0 + exp_single(-odds))

@@ -1,12 +1,12 @@
 //! A match and a second map of the same pair -> the map of both.
 //!
 //! ```text
-//! claims  = the second map, of the pair as it is matched           # crate::preparation::back, claims.rs
-//! none, or numbers that mean something else than pixels: the match stays as it is, and a finding says why;
-//! one says, too, that many lie outside the right image
-//! chances = how likely each claim is right                         # traits.rs, judge.rs
+//! claims  = the second map, converted to the pair to match         # crate::preparation::back, claims.rs
+//! no claims, or numbers that are not pixels: the match stays unchanged, and a finding gives the reason;
+//! a finding also reports if many lie outside the right image
+//! chances = the chance that each claim is right                    # traits.rs, judge.rs
 //! map     = the mean where both agree, else the one that is more likely right        # fuse.rs
-//! flat areas of it become planes: what both know is more than the match knew         # crate::scales
+//! flat areas of it become planes: both together have more evidence than the match    # crate::scales
 //! ```
 
 use crate::finding::Finding;
@@ -23,25 +23,25 @@ use phasestereo_match::base::error::{Error, Result};
 use phasestereo_match::base::plane::Plane;
 use phasestereo_match::matcher::runtime::Runtime;
 
-/// Share of the claims that agree with the own disparities from which on these are disparities in pixels: claims
-/// of another sign or scale agree by chance. Not swept.
+/// Least share of the claims that agree with the own disparities if they are disparities in pixels: claims of
+/// another sign or scale agree by chance. Not swept.
 const READ_RIGHT: f32 = 0.25;
 
-/// Where the second map of a match comes from.
+/// The source of the second map of a match.
 #[derive(Debug)]
 pub enum Second {
-    /// It is given: of the left image as it came, in pixels; what is not finite claims nothing.
+    /// A given map of the original left image, in pixels; non-finite values make no claim.
     Map(Plane<f32>),
-    /// A matcher has made it of the pair as it was prepared, or failed.
+    /// The answer of a matcher to the prepared pair: a map, or a failure.
     Answer {
-        /// What findings call the matcher.
+        /// The name of the matcher in findings.
         name: String,
-        /// The map of the prepared left image and how it comes back, or the reason why it failed.
+        /// The map of the prepared left image and its conversion back, or the reason for the failure.
         answer: Box<std::result::Result<(Plane<f32>, Back), String>>,
     },
 }
 
-/// A match that is not turned back yet, with a second map taken in; and what there is to say of that.
+/// A match that is not turned back yet, fused with a second map; and the findings about that.
 pub fn fused(matched: Matched, second: Second, runtime: Runtime) -> Result<(Matched, Vec<Finding>)> {
     let claims = match second.claims(&matched, runtime)? {
         Ok(claims) => claims,
@@ -77,7 +77,7 @@ pub fn fused(matched: Matched, second: Second, runtime: Runtime) -> Result<(Matc
 }
 
 impl Second {
-    /// The claims of the pair as it is matched; or what there is to say of a matcher without any.
+    /// The claims about the pair to match; or the finding about a matcher that has none.
     fn claims(
         self,
         matched: &Matched,

@@ -1,30 +1,30 @@
 //! Claims, the own match and the evidence -> a verdict for each pixel.
 //!
-//! The score of a claim is the logarithm of the odds that it is off by more than a pixel, given what can be
-//! seen around it:
+//! The score of a claim is the logarithm of the odds that it is off by more than a pixel, given its
+//! surroundings:
 //!
 //! ```text
 //! by       = |own - claim|
 //! score    = OFFSET
 //!          + BY       * clamp(by - 1, -0.2, 2)             # how far apart the two are
-//!          + SOON     * min(by - 1, 0.5)                   # the first half pixel says most
+//!          + SOON     * min(by - 1, 0.5)                   # the first half pixel counts most
 //!          + TRUST    * logit(mean confidence of the own match, 9 x 9)
 //!          + EVIDENCE * clamp(evidence, -20, 60)           # `evidence`
 //!          + JUMP     * min(range of the claims, 7 x 7, 3) # maps fail near their jumps
 //!          + NOWHERE  * min(least |own - claim| over the own disparities, 7 x 7, 1.5)
-//!          + HIDDEN   if the map itself has a nearer pixel before the right one that this pixel claims
+//!          + HIDDEN   if the map itself has a nearer pixel in front of the right one that this pixel claims
 //! ```
 //!
-//! The weights are those of a logistic regression over maps of `HITNet` and of `StereoSGBM`: 12 Middlebury
-//! pairs, as they are, with one image out of focus, with noise, as JPEG, and with both out of focus. Each of
-//! these conditions was left out once while the inputs were chosen: none that helps on the others alone was
-//! kept. The offset was then set so that of the right pixels of `HITNet` fewer than 1 % are refuted in pairs
-//! as they are and with noise, and about 2 % out of focus. Trees over 44 inputs, a match of the other image
-//! and one by other settings among them, refute 2 to 6 points more of what is wrong.
+//! The weights come from a logistic regression over maps of `HITNet` and of `StereoSGBM`: 12 Middlebury
+//! pairs, unchanged, with one image out of focus, with noise, as JPEG, and with both out of focus. Inputs
+//! were chosen by leaving out each of these conditions once: only inputs that help on all of them were kept.
+//! The offset was then set so that fewer than 1 % of the right pixels of `HITNet` are refuted in unchanged
+//! and noisy pairs, and about 2 % out of focus. Trees over 44 inputs, including a match of the other image
+//! and one with other settings, refute 2 to 6 points more of the wrong pixels.
 //!
-//! `HIDDEN` was set by hand: pixels that the right image does not see are not in the regression, and a map
-//! that is right there contradicts the match. With -0.7 fewer of them are refuted, and 1 to 2 points less of
-//! what is wrong.
+//! `HIDDEN` was set by hand: pixels that the right image does not show are not in the regression, and a map
+//! that is right there contradicts the match. With -0.7, fewer of them are refuted, and 1 to 2 points less of
+//! the wrong pixels.
 
 use crate::verification::evidence::DIFFERENT;
 use crate::verification::hypotheses::right_column;
@@ -49,21 +49,21 @@ const JUMP: f64 = 0.35;
 const NOWHERE: f64 = 0.87;
 const HIDDEN: f64 = -0.4;
 
-/// Score from which on a claim is refuted: odds of more than 4.
+/// Least score of a refuted claim: odds of more than 4.
 const REFUTED: f64 = 1.45;
-/// Pixels by which a claim that is supported differs from the own disparity, at most.
+/// Most pixels by which a supported claim differs from the own disparity.
 const NEAR: f32 = 1.5;
 /// Least confidence of an own disparity that supports a claim.
 const CONFIDENT: f32 = 0.8;
 
-/// All that verdicts depend on; planes of one size.
+/// The inputs of the verdicts; planes of one size.
 #[derive(Debug, Clone, Copy)]
 pub struct Test<'a> {
-    /// The claims; values that are not finite claim nothing.
+    /// The claims; non-finite values make no claim.
     pub map: &'a Plane<f32>,
     /// The own match, with confidences.
     pub own: &'a Disparity,
-    /// The evidence against the claims, of the costs.
+    /// The evidence against the claims, from the costs.
     pub against: &'a Plane<f32>,
 }
 
@@ -107,7 +107,7 @@ impl Test<'_> {
         if is_supported { verdict::SUPPORTED } else { verdict::UNKNOWN }
     }
 
-    /// What of the score depends on how claim and own disparity differ.
+    /// The part of the score that depends on how claim and own disparity differ.
     fn score(&self, y: usize, x: usize, by: f32) -> f64 {
         let around = self.around(y, x);
         let beyond = f64::from(by) - 1.0;
@@ -119,7 +119,7 @@ impl Test<'_> {
             + NOWHERE * f64::from(around.nearest).min(1.5)
     }
 
-    /// What claims and own disparities around a pixel are like.
+    /// The surroundings of a pixel among claims and own disparities.
     fn around(&self, y: usize, x: usize) -> Around {
         let (map, own) = (self.map, &self.own.disparity);
         let columns = around(x, RANGE, map.cols());
@@ -177,7 +177,7 @@ impl Test<'_> {
     }
 }
 
-/// What is around a pixel, pixels.
+/// The surroundings of a pixel, pixels.
 struct Around {
     /// Range of the claims.
     range: f32,
@@ -185,7 +185,7 @@ struct Around {
     nearest: f32,
 }
 
-/// The logarithm of the odds of a probability, which is kept away from 0 and 1.
+/// The logarithm of the odds of a probability, kept away from 0 and 1.
 fn logit(probability: f64) -> f64 {
     let probability = probability.clamp(0.001, 0.999);
     ln(probability / (1.0 - probability))

@@ -1,9 +1,9 @@
-//! Claims and the own match -> traits of each claim, on which the probability depends that it is right.
+//! Claims and the own match -> traits of each claim, which determine the probability that it is right.
 //!
 //! ```text
 //! gap       = |own - claim|
 //! odds      = ln(p / (1 - p)) of the own confidence; of its means over 9 x 9 and 31 x 31 pixels
-//! range     = largest - least value within 3 x 3 and 7 x 7 pixels, of the claims; within 7 x 7 of the own disparities
+//! range     = largest - least value within 3 x 3 and 7 x 7 pixels of claims, 7 x 7 of own disparities
 //! nowhere   = least |own - claim| over the own disparities within 7 x 7 pixels
 //! agree     = share of the claims within 9 x 9 and 31 x 31 pixels that are within 1 px of the own disparity
 //! texture   = ln(mean difference of horizontal neighbors over 9 x 9 pixels, in that of the whole image)
@@ -14,8 +14,8 @@
 //!             ln(standard deviation of the noise, in the mean difference of neighbors)
 //! ```
 //!
-//! The costs of claims and of own disparities are not among them: on 210 spoiled pairs they change the area under
-//! the curve by .001 where both maps agree and by .002 where they differ, and take half of the time.
+//! The costs of claims and of own disparities are not included: on 210 spoiled pairs they change the area
+//! under the curve by .001 where both maps agree and by .002 where they differ, and take half of the time.
 
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Result;
@@ -35,33 +35,33 @@ use crate::verification::hypotheses::right_column;
 
 /// Traits of a claim.
 pub const TRAITS: usize = LOCAL + PAIR;
-/// Those of a pixel.
+/// Traits of a pixel.
 pub const LOCAL: usize = 16;
-/// Those of the whole pair, which come last.
+/// Traits of the whole pair, which come last.
 pub const PAIR: usize = 3;
 /// The values of the traits of a pixel.
 pub type Values = [f32; TRAITS];
-/// Neighbors of a row that are computed side by side.
+/// Neighbors in a row that are computed side by side.
 pub const WIDTH: usize = 64;
 /// Their local traits.
 pub type Stretch = [[f32; WIDTH]; LOCAL];
 
-/// Claims that differ by no more from the own disparity agree with it, pixels.
+/// Claims that differ from the own disparity by at most this agree with it, pixels.
 pub const AGREES: f32 = 1.0;
-/// Odds of probabilities are kept within those of this one and of what it lacks to 1.
+/// Odds of probabilities are limited to those of this one and of 1 minus it.
 pub const LEAST: f32 = 0.003;
-/// Pixels from the center to the side of small and large windows. Not swept, as those below: lines are
-/// learned for what they give.
+/// Pixels from the center to the side of small and large windows. Not swept, like those below: the lines are
+/// learned for the resulting traits.
 pub const NEAR: usize = 4;
 const FAR: usize = 15;
-/// The same of the windows in which ranges are looked for.
+/// The same for the windows in which ranges are determined.
 pub const RANGE: usize = 3;
 /// Largest gap and range that count, pixels.
 const LARGEST: f32 = 20.0;
-/// The part of the mean difference of neighbors that is added before the logarithm is taken.
+/// The share of the mean difference of neighbors that is added before the logarithm.
 const LEAST_TEXTURE: f32 = 0.05;
 
-/// What traits are computed from.
+/// The inputs of traits.
 #[derive(Debug)]
 pub struct Traits<'a> {
     map: &'a Plane<f32>,
@@ -69,7 +69,7 @@ pub struct Traits<'a> {
     summed: Plane<Summed>,
     /// The mean difference of neighbors.
     roughness: f64,
-    /// Those of the whole pair.
+    /// Traits of the whole pair.
     pub pair: [f32; PAIR],
     level: Level,
 }
@@ -81,32 +81,32 @@ pub struct RowTraits<'a> {
     y: usize,
     /// Sums over small windows: of [`Summed::sure`], [`Summed::counts`] and [`Summed::texture`].
     near: &'a [[u32; 3]],
-    /// The former two over large ones.
+    /// Sums of the first two over large windows.
     far: &'a [[u32; 2]],
     around: AroundRow,
 }
 
-/// What is summed of a pixel.
+/// The values of a pixel that are summed.
 #[derive(Debug, Clone, Copy, Default)]
 struct Summed {
     /// Steps of its own confidence.
     sure: u32,
-    /// 1 if there is a claim in the upper half, 1 if it agrees in the lower one: sums over windows fit.
+    /// In the upper half 1 if there is a claim, in the lower half 1 if it agrees: sums over windows fit.
     counts: u32,
     /// Difference from the neighbor to the left.
     texture: u32,
 }
 
-/// What is around the claims of a row, pixels.
+/// The surroundings of the claims of a row, pixels.
 #[derive(Debug)]
 struct AroundRow {
-    /// Ranges of the claims within 3 x 3 and 7 x 7 pixels, of the own disparities within 7 x 7, and the least
-    /// difference of one of these from the claim.
+    /// Ranges of the claims within 3 x 3 and 7 x 7 pixels, of the own disparities within 7 x 7, and the
+    /// smallest difference between one of these and the claim.
     ranges: [Vec<f32>; 4],
     right: RightColumns,
 }
 
-/// The right column of each claim of a row, and the nearest claim on each column: minus infinity without any.
+/// The right column of each claim of a row, and the nearest claim on each column: minus infinity without one.
 #[derive(Debug)]
 pub struct RightColumns {
     columns: Vec<Option<usize>>,
@@ -114,7 +114,7 @@ pub struct RightColumns {
 }
 
 impl RightColumns {
-    /// Those of the claims of a row.
+    /// The columns for the claims of a row.
     pub fn new(claims: &[f32]) -> Self {
         let row = claims.iter().enumerate();
         let columns: Vec<_> = row.map(|(x, claim)| right_column(x, *claim, claims.len())).collect();
@@ -127,7 +127,7 @@ impl RightColumns {
         Self { columns, nearest }
     }
 
-    /// Whether a nearer claim hides this one of column `x`.
+    /// Whether a nearer claim hides this one at column `x`.
     #[inline(always)]
     pub fn is_hidden(&self, x: usize, claim: f32) -> bool {
         self.columns[x].is_some_and(|column| self.nearest[column] > claim + 1.0)
@@ -135,7 +135,8 @@ impl RightColumns {
 }
 
 impl<'a> Traits<'a> {
-    /// Those of the claims of a map beside an own match with confidences, on the threads of the current pool.
+    /// The traits of a map's claims, compared with an own match that has confidences, on the threads of the
+    /// current pool.
     pub fn new(map: &'a Plane<f32>, own: &'a Disparity, pair: &Pair, runtime: Runtime) -> Result<Self> {
         let [left, _] = pair.views();
         let summed = summed(map, own, left.gray(), runtime.control)?;
@@ -159,7 +160,7 @@ impl<'a> Traits<'a> {
         write: impl Fn(&RowTraits<'_>, &mut [T]) + Sync,
     ) -> Result<Plane<T>> {
         let size @ (_, cols) = self.map.size();
-        // Sums of a few rows are used as long as they are in a cache.
+        // Sums of a few rows are used while they are in a cache.
         Plane::by_bands(size, TASK_ROWS, |first, band| {
             control.checkpoint()?;
             let (mut near, mut far) = (zeroed(band.len())?, zeroed(band.len())?);
@@ -179,7 +180,7 @@ impl<'a> Traits<'a> {
         })
     }
 
-    /// What is around the claims of a row.
+    /// The surroundings of the claims of a row.
     fn around(&self, y: usize) -> AroundRow {
         let (claims, own) = (self.map, &self.own.disparity);
         let range = |plane, radius| range_around(self.level, plane, y, radius);
@@ -191,7 +192,7 @@ impl<'a> Traits<'a> {
 }
 
 impl RowTraits<'_> {
-    /// Writes all of them, NaN for pixels without a claim.
+    /// Writes all traits, NaN for pixels without a claim.
     pub fn write(&self, row: &mut [Values]) {
         let mut traits = [[0.0; WIDTH]; LOCAL];
         for (first, pixels) in (0..).step_by(WIDTH).zip(row.chunks_mut(WIDTH)) {
@@ -298,7 +299,7 @@ fn range_around(level: Level, plane: &Plane<f32>, y: usize, radius: usize) -> Ve
     least
 }
 
-/// The least difference of an own disparity around from the claims of a row, at most [`LARGEST`].
+/// The smallest difference between the claims of a row and surrounding own disparities, at most [`LARGEST`].
 #[leveled]
 fn nearest_around(level: Level, claims: &[f32], own: &Plane<f32>, y: usize) -> Vec<f32> {
     let mut found = vec![LARGEST; claims.len()];
@@ -310,7 +311,7 @@ fn nearest_around(level: Level, claims: &[f32], own: &Plane<f32>, y: usize) -> V
             let claims = claims.get(here..).unwrap_or_default();
             let found = found.get_mut(here..).unwrap_or_default();
             for ((found, claim), own) in found.iter_mut().zip(claims).zip(own) {
-                // Unlike `min`, one instruction: a difference that is NaN does not count.
+                // Unlike `min`, one instruction: a NaN difference does not count.
                 let by = (own - claim).abs();
                 *found = if by < *found { by } else { *found };
             }
@@ -319,7 +320,7 @@ fn nearest_around(level: Level, claims: &[f32], own: &Plane<f32>, y: usize) -> V
     found
 }
 
-/// What is summed of all pixels.
+/// The summed values of all pixels.
 fn summed(map: &Plane<f32>, own: &Disparity, gray: &Plane<i32>, control: &Control) -> Result<Plane<Summed>> {
     Plane::by_rows(map.size(), control, |y, row: &mut [Summed]| {
         let disparities = map.row(y).iter().zip(own.disparity.row(y));
@@ -359,7 +360,7 @@ pub fn odds(probability: f32) -> f32 {
     ln_single(probability / (1.0 - probability))
 }
 
-/// The odds of the mean own confidence of the whole pair, and the share of the claims that agree.
+/// The odds of the mean own confidence of the whole pair, and the share of claims that agree.
 fn pair_traits(summed: &Plane<Summed>) -> [f32; 2] {
     let mut sums = [0u64; 3];
     for one in summed.as_slice() {
@@ -373,7 +374,7 @@ fn pair_traits(summed: &Plane<Summed>) -> [f32; 2] {
     [odds(mean as f32), (agree / claims.max(1.0)) as f32]
 }
 
-/// The logarithm of a difference of gray values, in the mean one of neighbors.
+/// The logarithm of a difference of gray values, in units of the mean one of neighbors.
 #[inline(always)]
 fn in_roughness(difference: f32, roughness: f64) -> f32 {
     ln_single(LEAST_TEXTURE + if roughness > 0.0 { difference / roughness as f32 } else { 0.0 })

@@ -1,18 +1,18 @@
-//! The frames of two cameras, one after another: each is matched by what those before have shown, and shows
-//! more.
+//! The frames of two cameras, one after another: each is matched with the facts from earlier frames, and adds
+//! to them.
 //!
 //! ```text
 //! first frame, or one of another size:  estimate all, match               # crate::match_pair
 //! other frames:
 //!     field += drift;  cameras, field and range are those of the rig
-//!     blur, noise and light: as they were, if they look so at a glance and were estimated not long ago; else estimated
-//!     match; find some blocks of the map again
-//!     if their rows have moved:          the field is opened, takes them in, and the frame is matched once more
+//!     blur, noise and light: unchanged, if they look so at a glance and are recent; else estimated
+//!     match; locate some blocks of the map again
+//!     if their rows have moved:          the field is opened and updated, and the frame is matched once more
 //!     if all rows then disagree again, or sway:
-//!                                        rows are estimated, and of every frame from here on while they sway
-//!     if the range ends where things are: it grows, and the frame is matched once more
-//!     if the map got much worse:          all is estimated anew; what comes of it counts if it matches better
-//!     the rig takes in the map: rows, disparities, which image is softer, how much is wrong
+//!                                        rows are estimated, also in all later frames while they sway
+//!     if things reach the end of the range: it grows, and the frame is matched once more
+//!     if the map got much worse:         all is estimated again; the result counts if it matches better
+//!     the rig is updated from the map: rows, disparities, which image is softer, how much is wrong
 //! ```
 //!
 //! A frame that fails changes nothing.
@@ -54,11 +54,11 @@ use phasestereo_match::settings::Settings;
 /// How frames are matched.
 #[derive(Debug, Clone, Copy)]
 pub struct Options<'a> {
-    /// What the caller knows of every frame.
+    /// The caller's known facts about every frame.
     pub facts: &'a Facts,
-    /// How they are matched.
+    /// The settings of the matches.
     pub settings: &'a Settings,
-    /// Frames after which blur is estimated anew; 1: every frame is matched by itself.
+    /// Frames after which blur is estimated again; 1: every frame is matched by itself.
     pub reestimate: u64,
 }
 
@@ -67,16 +67,16 @@ pub struct Options<'a> {
 pub struct Frame {
     /// The match.
     pub matched: Matched,
-    /// Shares of the pixels of the map as it was matched.
+    /// Shares of the pixels of the map of the pair that was matched.
     pub summary: Summary,
-    /// Whether the estimates of an earlier frame were taken over.
+    /// Whether the estimates of an earlier frame were reused.
     pub is_reused: bool,
     /// How many frames support each disparity, and the time that a temporal filter took.
     pub support: Option<(Plane<u8>, Duration)>,
 }
 
 impl Frame {
-    /// The frame with its maps in the pixels of the images as they came, if these were turned.
+    /// The frame with its maps in the pixels of the original images, if these were turned.
     pub fn turned_back(self) -> Self {
         if !self.matched.prepared.pair.is_turned() {
             return self;
@@ -86,7 +86,7 @@ impl Frame {
     }
 }
 
-/// Matches the next frame of a rig, which takes in what it shows.
+/// Matches the next frame of a rig, which learns from it.
 pub fn match_frame(
     rig: &mut Rig,
     pair: Pair,
@@ -97,7 +97,8 @@ pub fn match_frame(
     Ok(match_frame_as_turned(rig, pair, options, filter, runtime)?.turned_back())
 }
 
-/// The same, with the maps as the pair was matched: turned, if things move along its columns.
+/// [`match_frame`], but returns the maps of the pair as it was matched: turned, if its disparities are along
+/// columns.
 pub fn match_frame_as_turned(
     rig: &mut Rig,
     pair: Pair,
@@ -106,7 +107,7 @@ pub fn match_frame_as_turned(
     runtime: Runtime,
 ) -> Result<Frame> {
     runtime.control.begin(options.settings.budget);
-    // What fails half-way must leave nothing half learned.
+    // A failure halfway must not leave anything half learned.
     let mut next = rig.clone();
     if let Some(sentence) = next.stopped.update(&pair) {
         next.events.push(Subject::Cameras, next.frames, sentence);
@@ -116,7 +117,7 @@ pub fn match_frame_as_turned(
     let pair = turned(pair, facts)?;
     next.suit(pair.size(), pair.is_turned(), options.settings);
 
-    // Each frame by itself, if all is to be estimated of each.
+    // Each frame by itself, if everything is to be estimated for each.
     let frame = match next.geometry.take().filter(|_| options.reestimate > 1) {
         Some(geometry) => {
             Followed { rig: &mut next, pair: &pair, options, runtime }.frame(geometry, filter)?
@@ -130,7 +131,7 @@ pub fn match_frame_as_turned(
 }
 
 impl Rig {
-    /// What is known of a frame, with what the frames before have shown of the axis.
+    /// The known facts about a frame, including the axis from earlier frames.
     fn facts(&self, known: &Facts) -> Facts {
         let of_geometry = |geometry: &Geometry| {
             let axis = if geometry.is_turned { Direction::Columns } else { Direction::Rows };
@@ -140,7 +141,7 @@ impl Rig {
         Facts { axis, ..known.clone() }
     }
 
-    /// Matches a frame of which nothing is known, and learns how the cameras look if it is to be trusted.
+    /// Matches a frame without known facts, and learns the geometry of the cameras if the match is reliable.
     fn begin(
         &mut self,
         pair: Pair,
@@ -156,7 +157,7 @@ impl Rig {
         let said = findings::of_match(estimates, &summary, size);
         let is_trusted = is_trusted(&said);
         let raw = matched.rectified.as_ref().map(|rectified| Arc::clone(&rectified.raw));
-        // Cameras that rectify a pair count even where noise spoils its match.
+        // Cameras that rectify a pair count even if noise spoils its match.
         if is_trusted || raw.is_some() {
             let is_found = options.facts.axis.is_none();
             if is_found && matched.prepared.pair.is_turned() {
@@ -183,7 +184,7 @@ impl Rig {
         Ok(Frame { matched, summary, is_reused: false, support })
     }
 
-    /// Keeps what was estimated of this frame.
+    /// Keeps the estimates from this frame.
     fn remember(&mut self, estimates: &Estimates, settings: &Settings) {
         let appearance =
             Appearance { estimates: estimates.clone(), settings: settings.clone(), frame: self.frames };
@@ -205,7 +206,7 @@ fn steadied(
     Ok((frames, started.elapsed()))
 }
 
-/// A frame of cameras that are known.
+/// A frame of known cameras.
 struct Followed<'a, 'b> {
     rig: &'a mut Rig,
     pair: &'a Pair,
@@ -213,10 +214,10 @@ struct Followed<'a, 'b> {
     runtime: Runtime<'b>,
 }
 
-/// The frame as these cameras see it: rectified.
+/// The frame after rectification by these cameras.
 struct RectifiedFrame<'a> {
     pair: Cow<'a, Pair>,
-    /// Whether the estimates of an earlier frame hold.
+    /// Whether the estimates of an earlier frame still hold.
     is_as_before: bool,
 }
 
@@ -229,21 +230,21 @@ struct FrameMatch {
 }
 
 impl FrameMatch {
-    /// Whether the match is to be trusted.
+    /// Whether the match is reliable.
     fn is_trusted(&self, size: (usize, usize)) -> bool {
         is_trusted(&findings::of_match(&self.prepared.estimates, &self.summary, size))
     }
 }
 
-/// What a match shows of the cameras.
+/// The evidence of a match about the cameras.
 enum Verdict {
-    /// They are as known.
+    /// They are unchanged.
     Known,
     /// Their rows have moved.
     Moved,
     /// Their rows sway.
     Swaying,
-    /// There are things beyond the disparities that were searched.
+    /// There are things beyond the searched disparities.
     Beyond,
     /// Much more is wrong than before.
     Lost,
@@ -288,7 +289,7 @@ impl<'a> Followed<'a, '_> {
         self.finished(result, is_reused, filter, is_anew)
     }
 
-    /// The pair as the cameras see it, and whether it looks as before.
+    /// The rectified pair, and whether it looks like before.
     fn input(&self, geometry: &Geometry) -> Result<RectifiedFrame<'a>> {
         let Runtime { execution, control, .. } = self.runtime;
         let mut pair = match &geometry.cameras {
@@ -315,7 +316,7 @@ impl<'a> Followed<'a, '_> {
         Ok(RectifiedFrame { pair, is_as_before })
     }
 
-    /// Matches the frame by what is known of it; once more, blocks of all rows are found again.
+    /// Matches the frame by the known facts; `is_again`: afterward, blocks of all rows are located.
     fn match_known(&self, geometry: &Geometry, input: &RectifiedFrame, is_again: bool) -> Result<FrameMatch> {
         let Options { facts, settings, .. } = self.options;
         let pair = Pair::clone(&input.pair);
@@ -323,7 +324,7 @@ impl<'a> Followed<'a, '_> {
             Some(given) => given.clone(),
             None => Fact::remembered(geometry.columns.candidates(pair.size().1)?),
         };
-        // Rows are followed whatever the settings say, and estimated where they sway.
+        // Rows are followed whatever the settings, and estimated if they sway.
         let sways = geometry.sways.state == 1;
         let rows = if sways { Rows::Wanted } else { Rows::known(Fact::remembered(geometry.alignment()?)) };
         let facts = Facts { candidates: Some(candidates.clone()), rows, ..facts.clone() };
@@ -354,7 +355,7 @@ impl<'a> Followed<'a, '_> {
         Ok(result)
     }
 
-    /// The rows of a pair whose blur and noise are as they were.
+    /// The rows of a pair with unchanged blur and noise.
     fn rows(
         &self,
         pair: &Pair,
@@ -370,7 +371,7 @@ impl<'a> Followed<'a, '_> {
         Ok((found.alignment, found.offsets))
     }
 
-    /// What blocks of a map say of the rows, which are found again in the pair as it is.
+    /// The evidence about rows from blocks of a map, located in the pair without straightening.
     fn innovation(
         &self,
         map: &Disparity,
@@ -394,7 +395,7 @@ impl<'a> Followed<'a, '_> {
         Ok(geometry.field.innovation(&tracks))
     }
 
-    /// Estimates blur, noise and light of a pair whose geometry is known.
+    /// Estimates blur, noise and light of a pair with known geometry.
     fn estimates(&self, pair: &Pair, geometry: &Geometry, facts: &Facts) -> Result<Estimates> {
         let settings = self.options.settings;
         let (_, mut found) = complete(pair.clone(), facts, settings, self.runtime)?;
@@ -425,7 +426,7 @@ impl<'a> Followed<'a, '_> {
         Ok(FrameMatch { map, prepared, summary, innovation: None })
     }
 
-    /// What a match says of the cameras. The range grows if it has to.
+    /// The evidence of a match about the cameras. The range grows if necessary.
     fn verdict(&mut self, geometry: &mut Geometry, result: &FrameMatch) -> Result<Verdict> {
         let is_worse = self.rig.health.is_some_and(|health| result.summary.wrong > health + WORSE);
         if result.innovation.as_ref().is_some_and(|found| found.is_moved) {
@@ -451,7 +452,7 @@ impl<'a> Followed<'a, '_> {
         Ok(Verdict::Known)
     }
 
-    /// Whether something has entered beyond the disparities that were searched, which grow.
+    /// Whether something has entered beyond the searched disparities, which then grow.
     fn has_entered(&mut self, geometry: &mut Geometry, result: &FrameMatch) -> Result<bool> {
         let prepared = &result.prepared;
         let known = prepared.estimates.candidates.value;
@@ -470,7 +471,7 @@ impl<'a> Followed<'a, '_> {
         Ok(true)
     }
 
-    /// Opens the field where rows have moved, and takes them in.
+    /// Opens the field where rows have moved, and updates it with them.
     fn reopen(&mut self, geometry: &mut Geometry, result: &FrameMatch) {
         let Some(found) = &result.innovation else { return };
         geometry.field.reopen(found);
@@ -479,7 +480,7 @@ impl<'a> Followed<'a, '_> {
         self.rig.events.push(Subject::Rows, self.rig.frames, sentence);
     }
 
-    /// Matches the frame by rows that are estimated anew, and from here on if they sway.
+    /// Matches the frame with newly estimated rows, also in later frames if they sway.
     fn rows_anew(&mut self, geometry: &mut Geometry, input: &RectifiedFrame) -> Result<FrameMatch> {
         geometry.sways = Steady::new(1);
         let result = self.match_known(geometry, input, true)?;
@@ -497,14 +498,14 @@ impl<'a> Followed<'a, '_> {
         Ok(result)
     }
 
-    /// Estimates all anew; `None`: that matches no better than so much wrong.
+    /// Estimates everything again; `None`: the result does not match better than this wrong share.
     fn anew(&mut self, geometry: &Geometry, wrong: f64) -> Result<Option<(Geometry, FrameMatch)>> {
         let now = self.rig.frames;
         let is_better = |(_, result): &(Geometry, FrameMatch)| {
             result.is_trusted(geometry.size) && result.summary.wrong + WORSE / 2.0 < wrong
         };
 
-        // Cameras that were turned a little are still about those that are known.
+        // Cameras that were turned a little are still close to the known ones.
         let rectified = geometry.cameras.as_ref().map(|raw| self.rectified_anew(raw));
         let found = match rectified.transpose()?.filter(is_better) {
             Some(found) => Some(found),
@@ -516,19 +517,19 @@ impl<'a> Followed<'a, '_> {
             let sentence = "rows and range were estimated anew, since much was wrong";
             self.rig.events.push(Subject::Rows, now, sentence);
         } else {
-            // It may be night, or dirt: asked again and again, it would cost as much as the matches.
+            // It may be night, or dirt: repeated every time, this would cost as much as the matches.
             let wait = (2 * self.rig.doubt.0 + 1).min(LONGEST_WAIT);
             self.rig.doubt = (wait, now + wait);
         }
         Ok(found)
     }
 
-    /// What is known of every frame, with rows that are to be estimated: all may have moved.
+    /// The known facts about every frame, with rows to be estimated: all may have moved.
     fn facts_anew(&self) -> Facts {
         Facts { rows: Rows::Wanted, ..self.options.facts.clone() }
     }
 
-    /// Estimates all anew but the cameras by which the pair is rectified.
+    /// Estimates everything again except the cameras that rectify the pair.
     fn rectified_anew(&self, raw: &Arc<Raw>) -> Result<(Geometry, FrameMatch)> {
         let facts = &self.facts_anew();
         let pair = resampled(self.pair, raw.places(self.runtime.control)?, self.runtime.control)?;
@@ -540,7 +541,7 @@ impl<'a> Followed<'a, '_> {
         Ok((found, self.matched(pair, estimates, facts)?))
     }
 
-    /// Estimates all anew, as of a first frame.
+    /// Estimates everything again, as for a first frame.
     fn whole_anew(&self) -> Result<(Geometry, FrameMatch)> {
         let pair = self.pair.clone();
         let whole = match_as_turned(pair, &self.facts_anew(), self.options.settings, self.runtime)?;
@@ -553,7 +554,7 @@ impl<'a> Followed<'a, '_> {
         Ok((found, FrameMatch { map, prepared, summary, innovation: None }))
     }
 
-    /// Takes in the disparities of a match, in a range that is given or found.
+    /// Updates a given or found range with the disparities of a match.
     fn learn_range(&mut self, geometry: &mut Geometry, map: &Disparity) {
         let rig = &mut *self.rig;
         if let Some(given) = &self.options.facts.candidates {
@@ -565,7 +566,7 @@ impl<'a> Followed<'a, '_> {
         }
     }
 
-    /// Takes in what the frame shows.
+    /// Updates the rig with the evidence of the frame.
     fn learn(&mut self, mut geometry: Geometry, result: &FrameMatch, is_reused: bool) {
         let rig = &mut *self.rig;
         let estimates = &result.prepared.estimates;
@@ -588,7 +589,7 @@ impl<'a> Followed<'a, '_> {
         rig.settle(estimates.blur.as_ref().filter(|_| is_trusted), result.summary.wrong);
     }
 
-    /// The frame as it is returned.
+    /// The frame in its returned form.
     fn finished(
         &self,
         result: FrameMatch,
@@ -620,7 +621,7 @@ fn is_trusted(said: &[Finding]) -> bool {
     !said.iter().any(|one| one.severity == Severity::Warning && one.topic.is_decisive())
 }
 
-/// Findings of the pair that remain: those that make a match unreliable belong to each match.
+/// Lasting findings about the pair: those that make a match unreliable belong to each match.
 fn still_said(estimates: &Estimates) -> Vec<Finding> {
     estimates.findings.iter().filter(|one| !one.topic.is_decisive()).cloned().collect()
 }

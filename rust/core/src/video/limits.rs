@@ -1,8 +1,8 @@
-//! Go or no-go: the quantities of a rig against limits, as at the end of a production line or at a start of a
-//! robot.
+//! Go or no-go: the quantities of a rig against limits, for example at the end of a production line or at the
+//! start of a robot.
 //!
-//! Usual limits are those from which on a match is warned of (the tables of findings), where there are such.
-//! An unknown quantity passes, unless its limit was given, or nothing can be said without it.
+//! The usual limits are those at which a match triggers a warning (the tables of findings), if there are such
+//! limits. An unknown quantity passes, unless its limit was given, or nothing can be concluded without it.
 
 use crate::finding::Topic;
 use crate::findings::choices::{BLUR_SHARE, SURE};
@@ -13,16 +13,16 @@ use crate::video::rig::field::FieldFilter;
 use phasestereo_match::base::error::{Error, Result};
 use phasestereo_match::base::math;
 
-/// What is checked.
+/// The checked quantities.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Quantity {
     /// How far rows are from corresponding.
     Rows,
-    /// How well that is known.
+    /// The uncertainty of that.
     Error,
-    /// How fast it changes.
+    /// The speed at which it changes.
     Drift,
-    /// How far the right camera is turned from its calibration.
+    /// The rotation of the right camera against its calibration.
     Rotation,
     /// Pixels that are probably wrong.
     Wrong,
@@ -32,12 +32,12 @@ pub enum Quantity {
     Noise,
     /// How many times brighter one image is.
     Exposure,
-    /// Blur of one image beside the other.
+    /// Blur of one image relative to the other.
     Blur,
 }
 
 impl Quantity {
-    /// All of them.
+    /// All quantities.
     pub const ALL: [Self; 9] = [
         Self::Rows,
         Self::Error,
@@ -50,7 +50,7 @@ impl Quantity {
         Self::Blur,
     ];
 
-    /// Its name, its unit, and what it is.
+    /// Its name, its unit, and its description.
     pub fn words(self) -> [&'static str; 3] {
         match self {
             Self::Rows => ["rows", "px", "rows that do not correspond, root mean square"],
@@ -65,18 +65,18 @@ impl Quantity {
         }
     }
 
-    /// The usual limit: the most there may be, of the reserve the least.
+    /// The usual limit: the maximum, or for the reserve the minimum.
     pub fn usual(self) -> f64 {
         match self {
             Self::Rows => levels_of(Topic::Alignment)[1],
-            // A third of what a match begins to suffer from.
+            // A third of the value at which matches begin to suffer.
             Self::Error => 0.1,
-            // As much as straightens or bends a pair within ten seconds.
+            // Enough to straighten or bend a pair within ten seconds.
             Self::Drift => levels_of(Topic::Alignment)[0],
-            // At a focal length of 860 pixels, rows are then as far off as they may be.
+            // At a focal length of 860 pixels, rows are then off by as much as they may be.
             Self::Rotation => 0.05,
             Self::Wrong => most_wrong(),
-            // The two neighbors that a fraction of a pixel is found by.
+            // The two neighbors that determine a fraction of a pixel.
             Self::Reserve => 2.0,
             Self::Noise => levels_of(Topic::Noise)[1],
             Self::Exposure => math::exp(levels_of(Topic::Contrast)[1]),
@@ -84,12 +84,13 @@ impl Quantity {
         }
     }
 
-    /// Whether nothing can be said without it.
+    /// Whether nothing can be concluded without it.
     fn is_needed(self) -> bool {
         matches!(self, Self::Rows | Self::Error | Self::Wrong)
     }
 
-    /// What a rig shows; `None`: nothing. `focal` is the focal length in pixels, if the calibration says so.
+    /// The value for a rig; `None`: unknown. `focal` is the focal length in pixels, if the calibration has
+    /// it.
     fn of(self, rig: &Rig, focal: Option<f64>) -> Option<f64> {
         let geometry = rig.geometry.as_ref();
         let field = geometry.map(|geometry| &geometry.field);
@@ -120,17 +121,17 @@ impl Quantity {
 /// A quantity against its limit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Check {
-    /// What.
+    /// The quantity.
     pub quantity: Quantity,
     /// The measured value; `None`: unknown.
     pub value: Option<f64>,
     /// The limit.
     pub limit: f64,
-    /// Whether it is kept; `None`: unknown, and not needed.
+    /// Whether it is within the limit; `None`: unknown, and not needed.
     pub passed: Option<bool>,
 }
 
-/// Compares all quantities of a rig with their limits: those that are given, by name, or the usual ones.
+/// Compares all quantities of a rig with their limits: those given by name, or the usual ones.
 pub fn check(rig: &Rig, given: &[(String, f64)], focal: Option<f64>) -> Result<Vec<Check>> {
     let names = Quantity::ALL.map(|quantity| quantity.words()[0]);
     for (given, limit) in given {

@@ -1,8 +1,9 @@
-//! What two cameras are, learned while they run: the field of their rows, the range of their disparities, the
-//! cameras that rectify them, which image is the softer one, and what happened to all that.
+//! Facts about two cameras, learned while they run: the field of their rows, the range of their disparities,
+//! the cameras that rectify them, which image is softer, and the history of all these.
 //!
-//! `crate::video::frames` matches frames by it, and takes in what each of them shows. It holds a few thousand
-//! numbers, and where raw images are rectified from, and does not grow. As text ([`text`]) it can be kept.
+//! `crate::video::frames` matches frames with it, and updates it from each of them. It holds a few thousand
+//! numbers, and the places that raw images are rectified from, and does not grow. It can be saved as text
+//! ([`text`]).
 
 pub mod changes;
 pub mod columns;
@@ -34,17 +35,17 @@ use phasestereo_match::pair::Pair;
 use phasestereo_match::pair::alignment::Alignment;
 use phasestereo_match::settings::Settings;
 
-/// What is known of two cameras.
+/// The known facts about two cameras.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct Rig {
     /// Frames so far.
     pub frames: u64,
-    /// How they look; `None`: no frame has shown it.
+    /// Their geometry; `None`: no frame has shown it.
     pub geometry: Option<Geometry>,
-    /// What was estimated of blur, noise and light, and of what frame.
+    /// The estimates of blur, noise and light, and their frame.
     #[serde(skip)]
     pub appearance: Option<Arc<Appearance>>,
-    /// What the cameras add to their images; `None`: no frame has shown it.
+    /// The effects of the cameras on their images; `None`: no frame has shown them.
     pub sensors: Option<Sensors>,
     /// Which camera has stopped.
     #[serde(skip)]
@@ -52,44 +53,45 @@ pub struct Rig {
     /// Where the left image changes.
     #[serde(skip)]
     pub changes: Changes,
-    /// What happened.
+    /// The events.
     pub events: Events,
-    /// The share of the match that is probably wrong, over the last frames; NaN: unknown.
+    /// The share of the match that is probably wrong, over recent frames; NaN: unknown.
     pub health: Option<f64>,
     /// Which image is the softer one.
     pub soft: Option<Steady>,
     /// Whether much is wrong.
     pub ill: Option<Steady>,
-    /// Frames to wait before all is estimated anew again, and from which frame on.
+    /// Frames to wait before everything is estimated again, and from which frame on.
     pub doubt: (u64, u64),
 }
 
-/// What is estimated of single frames, and holds until it changes.
+/// Estimates from single frames that hold until something changes.
 #[derive(Debug)]
 pub struct Appearance {
     /// The estimates.
     pub estimates: Estimates,
-    /// The settings that were asked for.
+    /// The requested settings.
     pub settings: Settings,
     /// The frame.
     pub frame: u64,
 }
 
-/// How two cameras look.
+/// The geometry of two cameras.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Geometry {
-    /// Whether images are turned, since things move along their columns; all else is of the turned images.
+    /// Whether images are turned, since disparities are along their columns; everything else describes the
+    /// turned images.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub is_turned: bool,
     /// Rows and columns of an image.
     pub size: (usize, usize),
-    /// Where raw images are rectified from, if they are.
+    /// The places that raw images are rectified from, if they are.
     pub cameras: Option<Arc<Raw>>,
     /// The field of rows, of the rectified images.
     pub field: FieldFilter,
-    /// Whether the right image is straightened by it.
+    /// Whether it straightens the right image.
     pub straightens: Steady,
-    /// Whether rows sway, so that they are estimated of every frame.
+    /// Whether rows sway, so that they are estimated in every frame.
     pub sways: Steady,
     /// The disparities.
     pub columns: Columns,
@@ -98,7 +100,7 @@ pub struct Geometry {
 }
 
 impl Geometry {
-    /// That of a pair with these estimates.
+    /// The geometry of a pair with these estimates.
     pub fn new(pair: &Pair, found: &Estimates, cameras: Option<Arc<Raw>>) -> Self {
         let size = pair.size();
         Self {
@@ -119,14 +121,14 @@ impl Geometry {
         is_used.then(|| self.field.field()).transpose()
     }
 
-    /// Takes in the rows of a frame that were estimated. Returns whether they sway no more.
+    /// Updates the field with the estimated rows of a frame. Returns whether they no longer sway.
     pub fn take_rows(&mut self, found: &Estimates) -> bool {
         self.field = FieldFilter::new(self.size, found.offsets.as_ref());
         self.straightens = Steady::new(found.alignment.is_some().into());
         self.sways.update(found.sways().into(), CALM_FRAMES).is_some()
     }
 
-    /// Straightens from now on, if rows that moved make it necessary.
+    /// Straightens from now on, if moved rows make it necessary.
     pub fn straighten_at_once(&mut self) {
         if self.field.field().is_ok_and(|field| field.rms() > STRAIGHTEN_FROM) {
             self.straightens = Steady::new(1);
@@ -153,8 +155,8 @@ impl Geometry {
 }
 
 impl Rig {
-    /// Forgets how the cameras look if images have another size, or are turned and were not, and all
-    /// estimates if the settings are others.
+    /// Forgets the geometry if images have another size or were not turned before, and all estimates if the
+    /// settings differ.
     pub fn suit(&mut self, size: (usize, usize), is_turned: bool, settings: &Settings) {
         let is_other = |geometry: &Geometry| geometry.size != size || geometry.is_turned != is_turned;
         if self.geometry.as_ref().is_some_and(is_other) {
@@ -169,7 +171,7 @@ impl Rig {
         }
     }
 
-    /// Takes in the rows that are straightened, the blur and the health of a frame.
+    /// Updates the rig with the straightening, the blur and the health of a frame.
     pub fn settle(&mut self, blur: Option<&blur::Estimate>, wrong: f64) {
         let frame = self.frames;
         if let Some(straightens) = self.geometry.as_mut().and_then(Geometry::decide) {

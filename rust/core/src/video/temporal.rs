@@ -1,14 +1,13 @@
-//! The temporal filter: where neither image of a video has changed, a disparity is the mean of those of some
-//! frames.
+//! The temporal filter: where neither image of a video has changed, a disparity is the mean over some frames.
 //!
-//! Fresh noise in every frame makes the disparities of a static scene flicker. Several frames say more than
-//! one, as long as both cameras still see the same thing at a pixel. So the filter has two parts: where a
-//! view has changed ([`change`]), and the recurrence of a pixel. With `d` the disparity of this frame, `D`
-//! that of the output before, and `n` the number of frames that support it:
+//! Fresh noise in every frame makes the disparities of a static scene flicker. Several frames are better than
+//! one, as long as both cameras still see the same thing at a pixel. So the filter has two parts: detecting
+//! where a view has changed ([`change`]), and the recurrence of a pixel. With `d` the disparity of this
+//! frame, `D` that of the previous output, and `n` the number of frames that support it:
 //!
 //! ```text
-//! seen(d) = the right view has not changed at (x - d, y), or (x - d, y) lies beside the image, or there is no d
-//! still   = of the places of the block of 32 x 32 pixels with both d and D, at most 2 / 3 have d - D from 1/4 to 2,
+//! seen(d) = the right view is unchanged at (x - d, y), or (x - d, y) is outside the image, or d is missing
+//! still   = of the places in the 32 x 32 block with both d and D, at most 2 / 3 have d - D from 1/4 to 2,
 //!           or from -2 to -1/4
 //! if n > 0 and still and the left view has not changed at (x, y) and seen(d) and seen(D):
 //!     if |d - D| <= 1, or there is neither d nor D:  n = min(n + 1, MEAN_FRAMES)   D += (d - D) / n
@@ -17,24 +16,26 @@
 //! else:                                              n = 1                    D = d
 //! ```
 //!
-//! Things that come nearer by a pixel or less in a frame, and are so plain that hardly a gray value changes,
+//! Things that come nearer by at most a pixel per frame, and are so plain that hardly a gray value changes,
 //! move whole blocks of disparities one way, which noise does not.
 //!
-//! A disparity that is off by more than a pixel is outvoted by as many frames as support the other one: the
-//! majority vote of Boyer & Moore (1981). The rest is the recursive mean of the temporal filters of depth
-//! cameras, with a weight that begins at 1 and ends at 1 / [`MEAN_FRAMES`]. Where the disparity before stays,
-//! its flags, its confidence and its error bar stay, too; elsewhere they are those of this frame.
+//! A disparity that is off by more than a pixel is outvoted by the number of frames that support the other
+//! one: the majority vote of Boyer & Moore (1981). The rest is the recursive mean of the temporal filters of
+//! depth cameras, with a weight that begins at 1 and ends at 1 / [`MEAN_FRAMES`]. Where the previous
+//! disparity stays, its flags, its confidence and its error bar stay, too; elsewhere they are those of this
+//! frame.
 //!
-//! Frames that are the same to the bit give the same maps to the bit. A view that has changed everywhere, as
-//! at a cut, gives the map as it is.
+//! Bit-identical frames give bit-identical maps. A view that has changed everywhere, as at a cut, leaves the
+//! map unchanged.
 //!
-//! Why disparities are averaged, and not images: means of images that changed by less than their noise give
-//! better maps of a static scene, but worse ones of a moving camera, because matching sees texture below the
-//! noise and a test of a few pixels does not. `phasestereo bench video` measures both kinds of scenes.
+//! Why disparities are averaged, not images: means of images that changed by less than their noise give
+//! better maps of a static scene, but worse ones with a moving camera, because matching uses texture below
+//! the noise, which a test of a few pixels does not detect. `phasestereo bench video` measures both kinds of
+//! scenes.
 //!
-//! State: the output before (disparity, flags, confidence, error bar, `n`) and the means of each view: 15
-//! bytes a pixel, 23 with confidences. A pixel depends on no other one, so rows are filtered in place and in
-//! parallel.
+//! State: the previous output (disparity, flags, confidence, error bar, `n`) and the means of each view: 15
+//! bytes a pixel, 23 with confidences. Pixels do not depend on each other, so rows are filtered in place and
+//! in parallel.
 
 pub mod change;
 
@@ -53,28 +54,28 @@ use phasestereo_match::pair::Pair;
 use phasestereo_match::pair::candidates::Candidates;
 use phasestereo_match::settings::Settings;
 
-/// What is carried over from one frame of a video to the next.
+/// The state carried over from one frame of a video to the next.
 #[derive(Debug, Default)]
 pub struct TemporalFilter {
-    /// `None`: there was no frame, or an error ended its filtering.
+    /// `None`: no frame yet, or an error ended its filtering.
     before: Option<Before>,
 }
 
-/// The output before, and the views that it is of.
+/// The previous output, and the views it belongs to.
 #[derive(Debug)]
 struct Before {
     key: Key,
     views: [Changes; 2],
     disparity: Plane<f32>,
     flags: Plane<u16>,
-    /// Confidence and uncertainty, if there are any.
+    /// Confidence and uncertainty, if any.
     trust: [Option<Plane<f32>>; 2],
     support: Plane<u8>,
-    /// Working memory: where something has changed, then where the disparity before stays.
+    /// Working memory: where something has changed, then where the previous disparity stays.
     marks: Plane<bool>,
 }
 
-/// Properties of a match that have to be the same for anything to be carried over.
+/// Properties of a match that must be equal for anything to be carried over.
 #[derive(Debug, PartialEq)]
 struct Key {
     size: (usize, usize),
@@ -84,7 +85,7 @@ struct Key {
 }
 
 impl TemporalFilter {
-    /// A filter that has seen nothing.
+    /// A filter without frames.
     pub fn new() -> Self {
         Self::default()
     }
@@ -93,7 +94,7 @@ impl TemporalFilter {
     /// disparity, 1 to 8.
     ///
     /// The pair is the one that was matched with these settings. Nothing is carried over to another size,
-    /// type of pixels, range of disparities or other settings, nor after an error.
+    /// pixel type, range of disparities or other settings, or after an error.
     pub fn apply(
         &mut self,
         pair: &Pair,
@@ -101,7 +102,7 @@ impl TemporalFilter {
         map: &mut Disparity,
         runtime: Runtime,
     ) -> Result<Plane<u8>> {
-        // Taken out, so that an error leaves nothing half updated.
+        // Taken out, so that an error does not leave anything half updated.
         let before = self.before.take().filter(|before| before.is_of(pair, settings));
         let mut before = match before {
             Some(before) => before,
@@ -120,7 +121,7 @@ impl TemporalFilter {
 }
 
 impl Before {
-    /// The state of which no frame is supported yet.
+    /// The state before any frame supports a disparity.
     fn nothing(pair: &Pair, settings: &Settings, map: &Disparity) -> Result<Self> {
         let size = pair.size();
         let [left, right] = pair.views();
@@ -210,14 +211,14 @@ impl Before {
     }
 }
 
-/// The settings that a map depends on. `align_rows` is left out: a stream asks for rows only where it
-/// estimates them anew.
+/// The settings that a map depends on. `align_rows` is left out: a stream requests rows only when it
+/// estimates them again.
 fn compared(settings: &Settings) -> Settings {
     Settings { align_rows: false, ..settings.clone() }
 }
 
-/// The recurrence along a row: writes the result to both `before` and `now`, and marks where the disparity
-/// before stays.
+/// The recurrence along a row: writes the result to both `before` and `now`, and marks where the previous
+/// disparity stays.
 #[leveled]
 fn follow_row(
     level: Level,
@@ -239,8 +240,8 @@ fn follow_row(
     follow(before, support, now, marks);
 }
 
-/// Marks pixels where the left view has changed, or the right view at the match of the disparity before or of
-/// this frame.
+/// Marks pixels where the left view has changed, or the right view at the match of the previous disparity or
+/// of this frame's.
 #[inline(always)]
 fn mark_changed(left: &[bool], right: &[bool], before: &[f32], now: &[f32], marks: &mut [bool]) {
     let (places, rest) = marks.as_chunks_mut::<CHANGE_STEP>();
@@ -265,7 +266,7 @@ fn mark_changed(left: &[bool], right: &[bool], before: &[f32], now: &[f32], mark
     }
 }
 
-/// The recurrence of the module. `marks` says where something has changed, then where the disparity before
+/// The recurrence of the module. `marks` holds where something has changed, then where the previous disparity
 /// stays.
 #[inline(always)]
 fn follow(before: &mut [f32], support: &mut [u8], now: &mut [f32], marks: &mut [bool]) {
@@ -292,8 +293,8 @@ fn follow(before: &mut [f32], support: &mut [u8], now: &mut [f32], marks: &mut [
     }
 }
 
-/// Flags or confidences of a row: writes those before to `now` where the disparity stays, and all of `now` to
-/// `before`.
+/// Flags or confidences of a row: writes the previous ones to `now` where the disparity stays, and all of
+/// `now` to `before`.
 #[leveled]
 fn keep<T: Copy>(level: Level, stays: &[bool], before: &mut [T], now: &mut [T]) {
     let count = now.len();

@@ -1,12 +1,12 @@
-//! Where the left image of a video changes: means of squares against what they were in the frames before.
+//! Where the left image of a video changes: compares means of squares with those of earlier frames.
 //!
 //! ```text
 //! change  = abs(mean of a square in this frame - before)
-//! before += change / 2, so that what enters is a change for some frames
+//! before += change / 2, so that something that enters is a change for some frames
 //! changed = change > LEAST_CHANGE + CHANGE_MEDIANS median change
 //! ```
 //!
-//! While the cameras move, or the light changes, the median is large: then squares say nothing.
+//! While the cameras move, or the light changes, the median is large: then squares show nothing.
 
 use crate::estimation::areas::BLOCK;
 use crate::estimation::overview::fine_factor;
@@ -16,17 +16,18 @@ use phasestereo_match::base::plane::{Plane, around};
 use phasestereo_match::base::statistics::ranked;
 use phasestereo_match::image::view::View;
 
-/// What squares of the left image looked like, and which of them have changed.
+/// The earlier means of squares of the left image, and the squares that have changed.
 #[derive(Debug, Clone, Default)]
 pub struct Changes {
     /// The means of the frames before, gray levels.
     before: Option<Plane<f64>>,
-    /// The squares that have changed, with their neighbors; `None`: the cameras move, or nothing is known.
+    /// The squares that have changed, with their neighbors; `None`: the cameras are moving, or nothing is
+    /// known.
     pub squares: Option<Plane<bool>>,
 }
 
 impl Changes {
-    /// Takes in the left image of a frame.
+    /// Updates it with the left image of a frame.
     pub fn update(&mut self, view: &View) -> Result<()> {
         let mut now = means(view)?;
         let size = now.size();
@@ -53,7 +54,8 @@ impl Changes {
     }
 }
 
-/// The means of squares as large as the blocks of fine copies that are searched together, gray levels.
+/// The means, in gray levels, of squares of the same size as the blocks of fine copies that are searched
+/// together.
 fn means(view: &View) -> Result<Plane<f64>> {
     let gray = view.gray();
     let (rows, cols) = gray.size();

@@ -1,15 +1,15 @@
-//! The range of disparities over the frames of a video: a histogram of those that were found, which fades,
-//! with a reserve beyond its ends.
+//! The range of disparities over the frames of a video: a fading histogram of those that were found, with a
+//! reserve beyond its ends.
 //!
 //! ```text
 //! share[d] += (share of the pixels of this frame with disparity d - share[d]) / FADING_FRAMES
 //! high = largest d that enough pixels have, in this frame or by the histogram
-//! if fewer than half of the reserve are left beyond it:  search up to high + reserve
-//! if more than all of them are left for long:            search up to high + reserve
+//! if less than half of the reserve is left beyond it:  search up to high + reserve
+//! if more than the whole reserve is left for long:     search up to high + reserve
 //! ```
 //!
-//! Any isolated cluster that is large enough keeps the range as long as it is seen, and for a while. The near
-//! end alone moves by itself, since things come nearer; how far away things are is seen when the range is
+//! Any isolated cluster that is large enough keeps the range while it is seen, and for a while after. Only
+//! the near end moves by itself, since things come nearer; the far end is determined when the range is
 //! estimated.
 
 use std::ops::Range;
@@ -30,7 +30,7 @@ const WHOLE: i64 = 1 << 20;
 /// The disparities that a rig has seen.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Columns {
-    /// Those that are searched, half-open.
+    /// The searched disparities, half-open.
     pub searched: Range<i64>,
     /// The share of each of the searched ones.
     pub shares: Vec<i64>,
@@ -39,7 +39,7 @@ pub struct Columns {
 }
 
 impl Columns {
-    /// Nothing seen of these disparities yet.
+    /// These disparities, without any observation.
     pub fn new(candidates: Candidates) -> Self {
         let (min, count) = candidates.numbers();
         Self { searched: min..min + count, shares: vec![0; candidates.count()], idle: 0 }
@@ -50,7 +50,7 @@ impl Columns {
         Candidates::new(self.searched.start, self.searched.end - self.searched.start, width)
     }
 
-    /// Takes in the map of a frame. Returns whether the range has grown.
+    /// Updates it with the map of a frame. Returns whether the range has grown.
     pub fn update(&mut self, map: &Disparity, width: usize) -> bool {
         let counts = self.counts(map);
         let start = self.searched.start;
@@ -82,7 +82,7 @@ impl Columns {
         false
     }
 
-    /// Takes in the map of a frame of this range, which is given.
+    /// Updates it with the map of a frame whose range is given.
     pub fn watch(&mut self, given: Candidates, map: &Disparity) {
         let new = Self::new(given);
         if self.searched != new.searched {
@@ -92,7 +92,7 @@ impl Columns {
         self.fade(&counts);
     }
 
-    /// Takes in numbers of pixels by disparity. Returns their shares.
+    /// Updates the shares with numbers of pixels by disparity. Returns those of this frame.
     fn fade(&mut self, counts: &[i64]) -> Vec<i64> {
         let total: i64 = counts.iter().sum();
         let now: Vec<i64> = counts.iter().map(|count| count * WHOLE / total.max(1)).collect();
@@ -104,13 +104,13 @@ impl Columns {
 
     /// How many disparities were searched beyond the nearest thing; `None`: nothing was seen.
     pub fn reserve(&self) -> Option<i64> {
-        // Few frames have filled a part of the histogram only.
+        // Few frames fill only a part of the histogram.
         let filled: i64 = self.shares.iter().sum();
         let last = self.shares.iter().rposition(|share| *share > FEW_FADED * filled / 1_000_000)?;
         Some((self.shares.len() - 1 - last) as i64)
     }
 
-    /// Numbers of pixels by disparity; those whose disparity is their own and passed all checks.
+    /// Numbers of pixels by disparity, counting disparities of their own that passed all checks.
     fn counts(&self, map: &Disparity) -> Vec<i64> {
         let mut counts = vec![0; self.shares.len()];
         for y in (0..map.disparity.rows()).step_by(COUNTED_STEP) {
@@ -128,7 +128,7 @@ impl Columns {
         counts
     }
 
-    /// Searches these disparities, too, with a reserve. Returns whether the range has grown.
+    /// Includes these disparities in the search, with a reserve. Returns whether the range has grown.
     pub fn include(&mut self, seen: Range<i64>, width: usize) -> bool {
         let Range { start, end } = self.searched;
         let reserve = LEAST_RESERVE.max((seen.end - seen.start.min(start)) / RESERVE_DIVISOR);
@@ -146,13 +146,13 @@ impl Columns {
         true
     }
 
-    /// Searches disparities up to, but without, this one.
+    /// Extends the search up to, but excluding, this disparity.
     pub fn extend(&mut self, end: i64) {
         self.searched.end = end.max(self.searched.end);
         self.shares.resize((self.searched.end - self.searched.start) as usize, 0);
     }
 
-    /// Whether its numbers are such as frames leave.
+    /// Whether frames can have produced its numbers.
     pub fn is_sound(&self, width: usize) -> bool {
         let Self { searched: Range { start, end }, shares, idle } = self;
         start.checked_add_unsigned(shares.len() as u64) == Some(*end)

@@ -1,4 +1,4 @@
-//! What happened to a rig, and when.
+//! Events in the life of a rig.
 
 use serde::{Deserialize, Serialize};
 
@@ -6,10 +6,10 @@ use crate::video::choices::{MOST_EVENTS, SAME_EVENT_FRAMES};
 use phasestereo_match::named;
 
 named! {
-    /// What an event is about.
+    /// The subject of an event.
     #[derive(Serialize, Deserialize)]
     pub enum Subject {
-        /// The cameras: those that a raw pair was rectified by, and whether both run.
+        /// The cameras: those that rectified a raw pair, and whether both run.
         Cameras = "cameras",
         /// The rows of the pair.
         Rows = "rows",
@@ -25,7 +25,7 @@ named! {
 /// Something that happened.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Event {
-    /// What it is about.
+    /// Its subject.
     pub subject: Subject,
     /// The number of the frame, from 0.
     pub frame: u64,
@@ -38,12 +38,12 @@ pub struct Event {
 pub struct Events(Vec<Event>);
 
 impl Events {
-    /// All that are kept.
+    /// All stored events.
     pub fn all(&self) -> &[Event] {
         &self.0
     }
 
-    /// Keeps another one.
+    /// Stores another event.
     pub fn push(&mut self, subject: Subject, frame: u64, sentence: impl Into<String>) {
         if self.0.len() == MOST_EVENTS {
             self.0.remove(0);
@@ -51,7 +51,7 @@ impl Events {
         self.0.push(Event { subject, frame, sentence: sentence.into() });
     }
 
-    /// Keeps another one, in place of the last one of this subject if that is not long ago.
+    /// Stores another event, replacing the last one of this subject if that is recent.
     pub fn renew(&mut self, subject: Subject, frame: u64, sentence: impl Into<String>) {
         let is_near = |event: &Event| event.subject == subject && event.frame + SAME_EVENT_FRAMES >= frame;
         if let Some(last) = self.0.iter_mut().rev().find(|event| is_near(event)) {
@@ -62,19 +62,19 @@ impl Events {
     }
 }
 
-/// A state that changes only where several frames in a row say so.
+/// A state that changes only after several consecutive frames agree.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Steady {
     /// The state.
     pub state: i64,
-    /// What it may become.
+    /// The state it may change to.
     pub next: i64,
-    /// Frames in a row that said so.
+    /// Consecutive frames that agree on it.
     pub frames: u32,
 }
 
 impl Steady {
-    /// A state from the start.
+    /// An initial state.
     pub fn new(state: i64) -> Self {
         Self { state, next: state, frames: 0 }
     }

@@ -1,19 +1,19 @@
-//! The field of rows over the frames of a video: what it is, how well that is known, and how it changes.
+//! The field of rows over the frames of a video: its value, its uncertainty, and its drift.
 //!
-//! After the match of a frame, some blocks are found again in the right image by their disparities, as in
-//! [`crate::estimation::tracks`]. Each says by how many rows it is off the field. A Kalman filter of the
-//! eight coefficients takes them in, and the mean of its corrections is taken for the drift:
+//! After the match of a frame, some blocks are located in the right image by their disparities, as in
+//! [`crate::estimation::tracks`]. Each shows how many rows it is off the field. A Kalman filter of the eight
+//! coefficients is updated with them, and the mean of its corrections gives the drift:
 //!
 //! ```text
-//! value += drift;   P += Q                              # what a frame may change
+//! value += drift;   P += Q                              # the possible change from frame to frame
 //! for each block of terms t, residual r, variance s^2 of r:
 //!     k = P t / (t' P t + s^2);   step += k (r - t' step);   P -= k t' P
 //! value += step;   drift = DAMPED (drift + FOLLOWED step), unless the field is being found
 //! ```
 //!
-//! A plane is fitted to the residuals of a frame first. Where it is larger than its error and that of the
-//! field allow, the cameras have been moved: the field is opened again, and found anew. Where there is
-//! evidence of a spline of the row beside the plane, rows sway: no field holds for other frames.
+//! First, a plane is fitted to the residuals of a frame. If it is larger than its error and that of the field
+//! allow, the cameras have been moved: the field is opened and found again. If there is evidence for a spline
+//! of the row in addition to the plane, rows sway: no field holds for other frames.
 
 use std::array::from_fn;
 
@@ -36,11 +36,11 @@ use phasestereo_match::base::statistics::median;
 use phasestereo_match::pair::alignment::sway::INTERVALS;
 use phasestereo_match::pair::alignment::{Alignment, LARGEST_OFFSET, LINEAR, TERMS, places, terms};
 
-/// What is fitted to the residuals of a frame.
+/// The model fitted to the residuals of a frame.
 const PLANE: Model = Model { smooth: LINEAR, sways: false, excess: ALIKE };
-/// Most blocks of a frame that can agree: more than there are.
+/// More than the largest possible number of agreeing blocks of a frame.
 const MOST_BLOCKS: usize = 1 << 20;
-/// Rounding that a covariance may have, as a share of its diagonal.
+/// Allowed rounding of a covariance, as a share of its diagonal.
 const ROUNDING: f64 = 1e-9;
 
 type Covariance = [[f64; TERMS]; TERMS];
@@ -51,18 +51,18 @@ pub struct FieldFilter {
     size: (usize, usize),
     /// The coefficients of the field.
     pub value: [f64; TERMS],
-    /// What a frame changes.
+    /// The change per frame.
     pub drift: [f64; TERMS],
     /// The covariance of the coefficients.
     pub covariance: Covariance,
-    /// Blocks that the last frame agreed on it with, and their spread, pixels.
+    /// Number of blocks that agreed with it in the last frame, and their spread, pixels.
     pub agreement: (usize, f64),
 }
 
-/// What the blocks of a frame say of the rows.
+/// The evidence of a frame's blocks about the rows.
 pub struct Innovation {
     points: Vec<Equation>,
-    /// A plane through what they are off the field.
+    /// A plane through their offsets from the field.
     plane: RobustFit,
     /// Root mean square of the plane over the image, pixels.
     pub moved: f64,
@@ -73,7 +73,7 @@ pub struct Innovation {
 }
 
 impl FieldFilter {
-    /// The field of a pair of this size whose rows are as found, or unknown.
+    /// The field of a pair of this size, with found or unknown rows.
     pub fn new(size: (usize, usize), found: Option<&RowOffsets>) -> Self {
         let mut all = Self {
             size,
@@ -97,14 +97,14 @@ impl FieldFilter {
         all
     }
 
-    /// Forgets how well the field is known, since the cameras have been moved, and takes in what a frame
-    /// says.
+    /// Discards the certainty of the field, since the cameras have been moved, and updates it with the
+    /// evidence of a frame.
     pub fn reopen(&mut self, innovation: &Innovation) {
         *self = Self { value: self.value, ..Self::new(self.size, None) };
         self.update(innovation);
     }
 
-    /// Whether its numbers are such as frames leave: finite offsets of an image of this size, and a
+    /// Whether frames can have produced its numbers: finite offsets of an image of this size, and a
     /// covariance.
     pub fn is_sound(&self, size: (usize, usize)) -> bool {
         let Self { value, drift, covariance, agreement: (blocks, spread), .. } = self;
@@ -117,7 +117,7 @@ impl FieldFilter {
             && (0.0..=LARGEST_OFFSET).contains(spread)
     }
 
-    /// The field as an estimate has it; `None`: no blocks have shown it.
+    /// The field in the form of an estimate; `None`: no blocks have shown it.
     pub fn offsets(&self) -> Result<Option<RowOffsets>> {
         let (blocks, spread) = self.agreement;
         let (field, error) = (self.field()?, self.error());
@@ -138,13 +138,13 @@ impl FieldFilter {
         self.agreement.0 > 0
     }
 
-    /// What a frame changes, root mean square over the image, pixels.
+    /// The change per frame, root mean square over the image, pixels.
     pub fn drift(&self) -> f64 {
         Alignment::new(self.drift, self.size).map_or(0.0, |drift| drift.rms())
     }
 
-    /// By how many degrees the right camera looks up or down and is rolled beside the left one, if images are
-    /// rectified at this focal length in pixels. Turned about the vertical axis, it shows no other rows.
+    /// How many degrees the right camera is pitched and rolled relative to the left one, if images are
+    /// rectified at this focal length in pixels. A rotation about the vertical axis does not change its rows.
     pub fn rotation(&self, focal: f64) -> f64 {
         let [shift, slope, ..] = self.value;
         let pitch = math::atan2(shift, focal);
@@ -157,7 +157,7 @@ impl FieldFilter {
         self.error_at(places())
     }
 
-    /// The same over these places.
+    /// The same, over these places.
     fn error_at(&self, places: impl Iterator<Item = (f64, f64)>) -> f64 {
         let variance = |(x, y)| -> f64 {
             let terms = terms(x, y);
@@ -169,7 +169,7 @@ impl FieldFilter {
         (all.iter().sum::<f64>() / all.len() as f64).max(0.0).sqrt()
     }
 
-    /// The next frame.
+    /// Advances to the next frame.
     pub fn predict(&mut self) {
         for term in 0..TERMS {
             self.value[term] += self.drift[term];
@@ -178,7 +178,7 @@ impl FieldFilter {
         }
     }
 
-    /// What the blocks of a frame say; `None`: too little.
+    /// The evidence of a frame's blocks; `None`: too little.
     pub fn innovation(&self, tracks: &[Track]) -> Option<Innovation> {
         let point = |track: &Track| {
             let point = Equation::of_track(track, self.size, 1);
@@ -189,7 +189,7 @@ impl FieldFilter {
             return None;
         }
 
-        // Weights beside the usual one; no block counts much more than others.
+        // Weights relative to the usual one; no block counts much more than others.
         let usual = median(points.iter().map(|point| point.weight)).unwrap_or(1.0);
         for point in &mut points {
             point.weight = (point.weight / usual).min(MOST_WEIGHT);
@@ -206,7 +206,7 @@ impl FieldFilter {
         Some(Innovation { points, plane, moved, is_moved, sways })
     }
 
-    /// Takes in what the blocks of a frame say.
+    /// Updates the field with the evidence of a frame's blocks.
     pub fn update(&mut self, innovation: &Innovation) {
         let Innovation { points, plane, .. } = innovation;
         self.agreement = (plane.agreeing, plane.spread);
@@ -245,13 +245,13 @@ fn sways(points: &[Equation]) -> bool {
     fit.is_some_and(|fit| model.evidence(points, &fit) >= SUFFICIENT)
 }
 
-/// Whether a matrix may be a covariance: symmetric and without negative eigenvalues, but for rounding.
+/// Whether a matrix may be a covariance: symmetric and without negative eigenvalues, except for rounding.
 fn is_covariance(matrix: &Covariance) -> bool {
     let deviations: [f64; TERMS] = from_fn(|at| matrix[at][at].sqrt());
     if !deviations.iter().all(|deviation| (0.0..=LARGEST_OFFSET).contains(deviation)) {
         return false;
     }
-    // As correlations, of which rounding is a share of 1.
+    // As correlations, where rounding is a share of 1.
     let divisors = deviations.map(|deviation| if deviation > 0.0 { deviation } else { 1.0 });
     let mut matrix: Covariance =
         from_fn(|row| from_fn(|col| matrix[row][col] / (divisors[row] * divisors[col])));
@@ -268,8 +268,8 @@ fn product(left: &[f64; TERMS], right: &[f64; TERMS]) -> f64 {
     left.iter().zip(right).map(|(a, b)| a * b).sum()
 }
 
-/// Blocks of a matched map, row after row, at other places in every frame: where a disparity passed all
-/// checks. `field` is where rows are expected. Those of a third of the rows, in turns, or of all of them.
+/// Blocks of a matched map, row after row, at different places in every frame, where a disparity passed all
+/// checks. `field` predicts their rows. Uses a third of the rows, in turns, or all of them.
 pub fn seeds(
     disparity: &Plane<f32>,
     flags: &Plane<u16>,

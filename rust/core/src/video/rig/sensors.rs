@@ -1,5 +1,5 @@
-//! What both cameras add to their images: noise, blur by area, and how their gray levels correspond, as the
-//! last frame that was to be trusted showed it.
+//! The effects of both cameras on their images: noise, blur by area, and the relation of their gray levels,
+//! from the last reliable frame.
 
 use serde::{Deserialize, Serialize};
 
@@ -10,7 +10,7 @@ use crate::estimation::blur::psf::Psf;
 /// A kind of blur.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct BlurKind {
-    /// The softer image: 1 the left one, 2 the right one, 0 neither.
+    /// The softer image: 1 left, 2 right, 0 neither.
     pub side: u8,
     /// The point-spread function, if a family explains the blur.
     pub psf: Option<Psf>,
@@ -29,11 +29,11 @@ pub struct BlurMap {
     pub side: usize,
     /// The kind of each tile, row after row.
     pub labels: Vec<u8>,
-    /// How certain that is, 0 to 1.
+    /// The certainty of this, 0 to 1.
     pub certainty: f64,
 }
 
-/// What both cameras add to their images; of two values, that of the left one comes first.
+/// The effects of both cameras on their images; pairs of values have the left one first.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Sensors {
     /// The frame that showed it.
@@ -49,7 +49,7 @@ pub struct Sensors {
 }
 
 impl Sensors {
-    /// What was estimated of a frame; `None`: nothing of the kind.
+    /// The estimates from a frame; `None`: it has none of these.
     pub fn new(found: &Estimates, frame: u64) -> Option<Self> {
         let photometry = found.photometry?;
         let response = photometry.contrast.map(|curve| [curve.gain, curve.gamma, curve.ratio]);

@@ -1,18 +1,17 @@
-//! A camera that has stopped, or that is late.
+//! Detects a camera that has stopped, or that is late.
 //!
-//! The image of a camera that has stopped is that of the frame before, while that of the other one has
-//! changed: the noise of a camera that runs is another one in every frame. Where both images are those of the
-//! frame before, the frame was only sent twice. A camera that is always late moves as the other one did some
-//! frames ago:
+//! The image of a stopped camera equals that of the previous frame, while that of the other one has changed:
+//! the noise of a running camera differs in every frame. If both images equal those of the previous frame,
+//! the frame was only sent twice. A camera that is always late moves like the other one did some frames ago:
 //!
 //! ```text
 //! profiles    = sums of the rows and of the columns of an image
-//! motion(t)   = by how much the profiles of frame t match those of frame t - 1 best, along both axes
+//! motion(t)   = the shift that best matches the profiles of frame t to those of frame t - 1, along both axes
 //! error(k)    = sum over the last t of |motion of the right image (t) - motion of the left one (t - k)|^2
 //! late by k   : error(0) over the same t >= LEAST_APART + APART error(k), and there is motion
 //! ```
 //!
-//! Cameras that rest, or move evenly, do not show it.
+//! Cameras that rest or move evenly do not show it.
 
 use super::events::Steady;
 use crate::video::choices::{
@@ -26,16 +25,16 @@ type Profiles = [Vec<i64>; 2];
 /// Pixels along rows and columns, of both images.
 type Motions = [[f64; 2]; 2];
 
-/// What the last frames were, and which camera has stopped or is late.
+/// Data of recent frames, and which camera has stopped or is late.
 #[derive(Debug, Clone)]
 pub struct Stopped {
-    /// The profiles of the images of the last one.
+    /// The profiles of the last frame's images.
     last: Option<[Profiles; 2]>,
-    /// 0: none, 1: the left one, 2: the right one has stopped.
+    /// The stopped camera: 0 neither, 1 left, 2 right.
     side: Steady,
-    /// The motions of the last frames.
+    /// The motions of recent frames.
     motions: Vec<Motions>,
-    /// By how many frames the right camera is late.
+    /// How many frames late the right camera is.
     late: isize,
 }
 
@@ -46,7 +45,7 @@ impl Default for Stopped {
 }
 
 impl Stopped {
-    /// Takes in a frame. Returns a sentence about a change, if there is one.
+    /// Updates it with a frame. Returns a sentence about a change, if any.
     pub fn update(&mut self, pair: &Pair) -> Option<String> {
         let profiles = pair.views().map(profiles);
         let last = self.last.replace(profiles)?;
@@ -82,7 +81,8 @@ impl Stopped {
         self.late([0, 1].map(|side| [0, 1].map(|axis| of_axis(side, axis))))
     }
 
-    /// Takes in how both images moved. Returns a sentence about a camera that is late, or is not any more.
+    /// Updates it with the motions of both images. Returns a sentence about a camera that is late, or no
+    /// longer is.
     fn late(&mut self, motions: [[Option<f64>; 2]; 2]) -> Option<String> {
         let [[Some(left), Some(down)], [Some(right), Some(below)]] = motions else {
             self.motions.clear();
@@ -111,8 +111,8 @@ impl Stopped {
         })
     }
 
-    /// The sums of squares by which motions differ with the lag that is known, and with another one, and of
-    /// the motions that are repeated.
+    /// The sums of squared motion differences with the known lag and with another one, and of the repeated
+    /// motions.
     fn errors(&self, lag: isize) -> [f64; 3] {
         let square = |a: [f64; 2], b: [f64; 2]| (a[0] - b[0]).powi(2) + (a[1] - b[1]).powi(2);
         let repeated = |at: usize, lag: isize| {
@@ -145,7 +145,7 @@ fn profiles(view: &View) -> Profiles {
     [rows, columns]
 }
 
-/// By how many pixels a profile has moved; `None`: by more than is tried, or it is another one.
+/// How many pixels a profile has moved; `None`: beyond the tried range, or a different profile.
 fn motion(before: &[i64], now: &[i64]) -> Option<f64> {
     let slopes = |profile: &[i64]| -> Vec<f64> {
         profile.windows(3).map(|three| (three[2] - three[0]) as f64).collect()
@@ -193,7 +193,7 @@ mod tests {
             assert_eq!(said(left, right)?, None);
         }
         assert!(said(2, 3)?.is_some_and(|said| said.starts_with("the left camera has stopped")));
-        // Half as fast is as bad.
+        // Half the speed is equally bad.
         for (left, right) in [(2, 4), (3, 5), (3, 6), (4, 7), (5, 8)] {
             assert_eq!(said(left, right)?, None);
         }

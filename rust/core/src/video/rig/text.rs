@@ -1,9 +1,9 @@
-//! A rig as text: a line with the version and a checksum, then one of JSON. Every number is read back the
-//! same to the bit.
+//! A rig as text: a line with the version and a checksum, then one of JSON. Every number is read back bit for
+//! bit.
 //!
-//! The kernels that compensate blur are left out: blur changes while a rig is off, and is estimated of the
-//! first frame. A text may come from anyone, so each number that is read is checked against what frames can
-//! leave.
+//! The kernels that compensate blur are left out: blur changes while a rig is off, and is estimated from the
+//! first frame. A text may come from anyone, so each number is checked against the values that frames can
+//! produce.
 
 use super::events::{Event, Steady};
 use super::sensors::{BlurKind, BlurMap, Sensors};
@@ -14,9 +14,9 @@ use crate::video::choices::MOST_EVENTS;
 use phasestereo_match::base::digest::Digest;
 use phasestereo_match::base::error::{Error, Result};
 
-/// How the first line begins.
+/// The beginning of the first line.
 const HEAD: &str = "phasestereo rig 2";
-/// Most frames, and other numbers that are counted: none overflows while more are added.
+/// Largest count of frames and other things: none overflows while more are added.
 const MOST: u64 = 1 << 48;
 
 /// A rig as text.
@@ -25,7 +25,7 @@ pub fn written(rig: &Rig) -> Result<String> {
     Ok(format!("{HEAD} {}\n{json}\n", checksum(&json)))
 }
 
-/// The rig of a text.
+/// Reads the rig from a text.
 pub fn read(text: &str) -> Result<Rig> {
     let (head, json) = text.split_once('\n').unwrap_or((text, ""));
     let Some(sum) = head.strip_prefix(HEAD) else { return Err(wrong(head)) };
@@ -52,7 +52,7 @@ fn wrong(got: &str) -> Error {
     Error::value("rig", format!("'{got}'"), format!("a saved rig, which begins with '{HEAD}'"))
 }
 
-/// What of a rig is out of its range, if anything is.
+/// The value of a rig that is out of its range, if any.
 fn fault(rig: &Rig) -> Option<&'static str> {
     let is_event = |event: &Event| event.frame <= rig.frames;
     let is_soft = rig.soft.is_none_or(|one| is_state(one, 2));

@@ -1,32 +1,32 @@
 //! Where a view of a video has changed by more than its noise.
 //!
-//! A view is compared with its mean over the frames since each place changed last, so changes add up that are
-//! too slow to be seen from one frame to the next. Places are the pixels of every [`CHANGE_STEP`]th row and
-//! column, and stand for the pixels up to the next ones. With `g` the gray value of this frame, `m` and `n`
-//! mean and count of those before, and `noise` the variance of the noise:
+//! A view is compared with its mean over the frames since each place last changed, so changes too slow to be
+//! seen from one frame to the next add up. Places are the pixels of every [`CHANGE_STEP`]th row and column,
+//! and represent the pixels up to the next ones. With `g` the gray value of this frame, `m` and `n` mean and
+//! count of earlier ones, and `noise` the variance of the noise:
 //!
 //! ```text
-//! gain    = median of g / m over some places, or 1                   what the exposure changed by
+//! gain    = median of g / m over some places, or 1                   the change of exposure
 //! off     = g - gain m         0 where the brighter of both is at white and may have been brighter still
-//! excess  = min(off^2 / noise, LARGEST_SQUARE) - CHANGE_RATIO (1 + 1 / n)          0 outside the image, and where g or m is unknown
+//! excess  = min(off^2 / noise, LARGEST_SQUARE) - CHANGE_RATIO (1 + 1 / n)  0 if outside or g or m is unknown
 //! changed = the sum of the excesses of 3 x 3 places is positive, or g or m is unknown
 //! if changed:  n = 1                    m = g
 //! else:        n = min(n + 1, MEAN_FRAMES)   m = gain m + (g - gain m) / n
 //! ```
 //!
-//! Exposures change all gray values alike, so their quotients agree; where they do not, as where the camera
-//! moves, the gain is 1. A gain that is hardly more than noise is 1, too.
+//! A change of exposure changes all gray values alike, so their quotients agree; if they do not, as when the
+//! camera moves, the gain is 1. A gain that is hardly more than noise is also 1.
 //!
 //! `noise (1 + 1 / n)` is the expectation of `(g - m)^2` where nothing has changed. Masked pixels are
 //! unknown.
 //!
 //! The noise is estimated in each frame: the mean square of the second difference along both axes (Immerkaer
-//! 1996), which cancels all but noise and fine texture, in blocks of 8 x 8 pixels; the quietest twentieth of
-//! the blocks gives the estimate. The noise of the blur estimation is not a substitute, for `fast` does
-//! without it. One variance is assumed for the whole view. Where noise grows with the light, the filter does
-//! nearly as well.
+//! 1996), which cancels everything but noise and fine texture, in blocks of 8 x 8 pixels; the quietest
+//! twentieth of the blocks gives the estimate. The noise of the blur estimation is not a substitute, since
+//! `fast` runs without it. One variance is assumed for the whole view. If noise grows with the light, the
+//! filter does nearly as well.
 //!
-//! Values are 32-bit floats, each computed by itself in the order above: no result depends on threads or on
+//! Values are 32-bit floats, each computed by itself in the order above: no result depends on threads or
 //! lanes.
 
 use rayon::prelude::*;
@@ -56,12 +56,12 @@ pub struct Scale {
     gray: GrayScale,
     /// Black, in units of the pixels.
     black: f64,
-    /// Gray levels to a unit.
+    /// Gray levels per unit.
     factor: f64,
 }
 
 impl Scale {
-    /// The scale of a view. The range of this frame holds for those that follow.
+    /// The scale of a view. The range of this frame also holds for later ones.
     pub fn of_view(view: &View) -> Self {
         let gray = view.scale();
         let width = if gray.width() > 0.0 { gray.width() } else { 1.0 };
@@ -71,7 +71,7 @@ impl Scale {
     /// Whether the view has pixels of this kind and unit.
     pub fn suits(&self, view: &View) -> bool {
         let scale = view.scale();
-        // Units that are found in the values of each frame may differ by a rounding.
+        // Units that are determined from the values of each frame may differ by a rounding.
         let is_same_unit = match self.gray.step().zip(scale.step()) {
             Some((own, other)) => (other / own - 1.0).abs() < SAME_UNIT,
             None => self.gray.step().is_none() && scale.step().is_none(),
@@ -82,7 +82,7 @@ impl Scale {
     /// Writes the gray levels of a row; NaN where they are masked.
     fn write(&self, view: &View, y: usize, level: Level, gray: &mut [f32]) {
         let scale = view.scale();
-        // Where both are of bytes, all of this is exact.
+        // If both are bytes, all of this is exact.
         let black = (scale.pixel(0.0) - self.black) * self.factor;
         let factor = self.factor / scale.steps(1.0);
         let (factor, black) = (factor as f32, black as f32);
@@ -102,7 +102,7 @@ pub struct Changes {
     scale: Scale,
     /// Mean gray levels of the places ...
     mean: Plane<f32>,
-    /// ... and of how many frames; 0: unknown.
+    /// ... and their numbers of frames; 0: unknown.
     count: Plane<u8>,
     changed: Plane<bool>,
     /// The gray levels of the last frame ...
@@ -127,7 +127,7 @@ impl Changes {
         })
     }
 
-    /// Which places of image row `y` have changed in the last frame.
+    /// Which places of image row `y` changed in the last frame.
     pub fn row(&self, y: usize) -> &[bool] {
         self.changed.row(y / CHANGE_STEP)
     }
@@ -151,7 +151,7 @@ impl Changes {
         Ok(())
     }
 
-    /// By what the exposure of a frame differs from that of the means.
+    /// The exposure of a frame relative to that of the means.
     fn gain(&self, view: &View, runtime: Runtime) -> Result<f32> {
         let Self { scale, mean, count, .. } = self;
         let mut row: Vec<f32> = zeroed(view.size().1)?;
@@ -230,7 +230,7 @@ fn write_excess(
 
     for x in 0..cols {
         let difference = gray[x] - gain * mean[x];
-        // What is white may have been brighter still.
+        // A white pixel may have been brighter still.
         let is_white = if difference > 0.0 { mean[x] } else { gray[x] } >= WHITE_FROM;
         let difference = if is_white { 0.0 } else { difference };
         let square = (difference * difference) * inverse;
@@ -295,7 +295,7 @@ pub fn noise(view: &View, scale: &Scale, runtime: Runtime) -> Result<f32> {
     Ok((square * NOISE_FACTOR).clamp(LEAST_NOISE * LEAST_NOISE, MOST_NOISE * MOST_NOISE))
 }
 
-/// The mean squares of the second differences in a row of blocks whose pixels above begin with row `first`;
+/// The mean squares of the second differences in a row of blocks; the row above its pixels is row `first`.
 /// NaN where pixels are masked.
 fn block_squares(view: &View, scale: &Scale, first: usize, level: Level) -> Result<Vec<f32>> {
     let cols = view.size().1;
