@@ -1,9 +1,9 @@
-//! One thing that there is to say, what it is about, and how grave it is.
+//! A finding: one statement about a pair or a match, with its topic and severity.
 
 use phasestereo_match::named;
 
 named! {
-    /// What a finding is about, in the order in which topics are named as causes.
+    /// The topic of a finding, in the order in which topics are named as causes.
     #[non_exhaustive]
     pub enum Topic {
         /// The match as a whole, or whether the images belong together.
@@ -20,17 +20,17 @@ named! {
         Contrast = "contrast",
         /// The noise.
         Noise = "noise",
-        /// The loss of compression.
+        /// The loss from compression.
         Coding = "coding",
-        /// Pixels at the ends of their values.
+        /// Pixels at the ends of their value range.
         Saturation = "saturation",
         /// How much of the image has texture.
         Texture = "texture",
-        /// Texture that comes back.
+        /// Repeating texture.
         Repetition = "repetition",
         /// Fields of interlaced video.
         Interlacing = "interlacing",
-        /// Pixels of the images that show nothing of the scene.
+        /// Pixels of the images that do not show the scene.
         Border = "border",
         /// A disparity map that was verified.
         Map = "map",
@@ -38,7 +38,7 @@ named! {
 }
 
 named! {
-    /// How grave a finding is, the mildest first.
+    /// The severity of a finding, the mildest first.
     #[derive(PartialOrd, Ord)]
     pub enum Severity {
         /// All is well.
@@ -50,10 +50,10 @@ named! {
     }
 }
 
-/// One thing that there is to say about a pair, or about a match.
+/// One statement about a pair or a match.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Finding {
-    /// What it is about.
+    /// Its topic.
     pub topic: Topic,
     /// How grave it is.
     pub severity: Severity,
@@ -61,29 +61,29 @@ pub struct Finding {
     pub sentence: String,
     /// Whether it reports that something cannot be measured.
     pub(crate) is_unknown: bool,
-    /// What a failed match is due to because of it; empty: nothing.
+    /// The cause of a failed match that it implies; empty: none.
     pub(crate) cause: &'static str,
 }
 
 impl Topic {
-    /// The topic of a name.
+    /// The topic with this name.
     pub fn named(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|topic| topic.name() == name)
     }
 
-    /// Whether it decides if a match is to be trusted at all.
+    /// Whether it decides if a match can be trusted at all.
     pub fn is_decisive(self) -> bool {
         matches!(self, Self::Match | Self::Swap | Self::Range | Self::Repetition)
     }
 }
 
 impl Severity {
-    /// The severity of a name.
+    /// The severity with this name.
     pub fn named(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|severity| severity.name() == name)
     }
 
-    /// The severity of a value by the levels of a note and of a warning; NaN is well.
+    /// The severity of a value, given the levels of a note and of a warning; NaN is well.
     pub(crate) fn of(value: f64, [note, warning]: [f64; 2]) -> Self {
         match value {
             _ if value >= warning => Self::Warning,

@@ -1,4 +1,4 @@
-//! The interface of the crate: whole matches of images that are slices, on threads that are kept.
+//! The interface of the crate: whole matches of images given as slices, on persistent threads.
 
 #[cfg(feature = "ndarray")]
 mod arrays;
@@ -44,8 +44,8 @@ use phasestereo_match::pair::fitting::resized_right;
 use phasestereo_match::pair::plan::{Demand, Plan};
 use phasestereo_match::settings::Settings;
 
-/// Settings, threads and working memory, which are kept from one pair to the next. Any number of threads may
-/// use one at the same time.
+/// Settings, threads and working memory, kept from one pair to the next. Any number of threads may use one
+/// matcher at the same time.
 #[derive(Debug)]
 pub struct Matcher {
     core: matcher::Matcher,
@@ -54,7 +54,7 @@ pub struct Matcher {
     axis: Option<Direction>,
 }
 
-/// A disparity map as seen from the left image, and what there is to say about it.
+/// A disparity map as seen from the left image, and the findings about it.
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub struct Match {
@@ -67,35 +67,35 @@ pub struct Match {
     /// Half the width of the interval that holds the true disparity with a probability of 90 %, pixels; NaN
     /// without an estimate. `None`: not computed.
     pub uncertainty: Option<Plane<f32>>,
-    /// How many pairs of a rig support each disparity, 1 to 8; `None`: it was not filtered over time.
+    /// How many pairs of a rig support each disparity, 1 to 8; `None`: not filtered over time.
     pub support: Option<Plane<u8>>,
     /// Shares of the pixels, and their mean confidence.
     pub summary: Summary,
-    /// What is worth knowing about the match, the worst first.
+    /// Noteworthy findings about the match, the worst first.
     pub findings: Vec<Finding>,
-    /// What was estimated from the pair.
+    /// The estimates from the pair.
     pub estimates: Estimates,
-    /// What became of a pair that was too far from rectified; `None`: it was matched as it is.
+    /// The result for a pair that was too far from rectified; `None`: the pair was matched as it is.
     pub rectified: Option<Rectified>,
     /// Wall-clock time of each stage.
     pub timings: Timings,
 }
 
-/// What the images say of a disparity map.
+/// The verdict of the images on a disparity map.
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub struct Verification {
     /// Codes of [`crate::verdict`].
     pub verdicts: Plane<u8>,
-    /// The disparity of the own match where the claim is refuted, NaN elsewhere.
+    /// The disparity of the library's own match where the claim is refuted, NaN elsewhere.
     pub better: Plane<f32>,
     /// The probability, 0 to 1, that the claim is within 1 px of the true disparity; 0 without a claim.
     pub confidence: Plane<f32>,
     /// The error bar of the claim, pixels: it holds 90 % of the errors; NaN without a claim.
     pub uncertainty: Plane<f32>,
-    /// What there is to say of the map as a whole, worst first.
+    /// Findings about the map as a whole, worst first.
     pub findings: Vec<Finding>,
-    /// The own match.
+    /// The library's own match.
     pub own: Match,
 }
 
@@ -105,23 +105,23 @@ pub struct Verification {
 pub struct PreparedPair {
     /// Left and right image, of one size and type; disparities begin at 0.
     pub images: [Image; 2],
-    /// What was done, in sentences; empty: nothing.
+    /// The changes, in sentences; empty: none.
     pub done: Vec<String>,
-    /// Number of disparities, from 0 on.
+    /// Number of disparities, starting at 0.
     pub num_disparities: usize,
-    /// What is worth knowing about the pair.
+    /// Noteworthy findings about the pair.
     pub findings: Vec<Finding>,
     back: Back,
 }
 
 impl PreparedPair {
-    /// A disparity map of the prepared pair as one of the left image as it came, in pixels; what is not
-    /// finite is missing. A map of another size is in pixels of its own.
+    /// Converts a disparity map of the prepared pair to the original left image, in pixels; non-finite values
+    /// are missing. A map of another size is in its own pixels.
     pub fn restore(&self, map: &Plane<f32>) -> Result<Plane<f32>> {
         self.back.restored(map, &Control::default())
     }
 
-    /// Rows and columns of the left image as it came.
+    /// Rows and columns of the original left image.
     pub fn size(&self) -> (usize, usize) {
         self.back.size()
     }
@@ -129,7 +129,7 @@ impl PreparedPair {
 
 impl Matcher {
     /// A matcher with these settings and this many threads, from 1 to 1024; `None`: the number in the
-    /// environment variable `RAYON_NUM_THREADS`, or else all processors of the process.
+    /// environment variable `RAYON_NUM_THREADS`, or else all processors available to the process.
     pub fn new(settings: Settings, threads: impl Into<Option<usize>>) -> Result<Self> {
         settings.check()?;
 
@@ -137,15 +137,15 @@ impl Matcher {
         Ok(Self { core: matcher::Matcher::new(threads)?, settings, threads, axis: None })
     }
 
-    /// The same for cameras of which it is known whether the right one is below the left one, `true`, or
-    /// beside it; `None`: it is below where a pair shows it clearly.
+    /// Sets whether the right camera is below the left one, `true`, or beside it, `false`; `None`: below if a
+    /// pair shows it clearly.
     pub fn with_vertical(self, vertical: Option<bool>) -> Self {
         let axis = vertical.map(|is| if is { Direction::Columns } else { Direction::Rows });
         Self { axis, ..self }
     }
 
-    /// The same with an engine that searches instead of the processor, with the same bits; whatever it does
-    /// not take, the processor searches.
+    /// Sets an engine that searches instead of the processor, with identical bits; the processor searches
+    /// whatever the engine does not support.
     pub fn with_engine(self, engine: Arc<dyn Engine>) -> Self {
         Self { core: self.core.with_engine(engine), ..self }
     }
@@ -160,10 +160,10 @@ impl Matcher {
         self.threads
     }
 
-    /// Matches two rectified images over the disparities of a range, half-open, of at least 1 and at most the
-    /// number of columns of the left image; `None`: the range is estimated. A right image of another size is
-    /// brought to that of the left one. Images that are far from rectified are rectified for that, if the
-    /// settings say so and the images show how.
+    /// Matches two rectified images over a half-open range of disparities, at least 1 and at most the number
+    /// of columns of the left image; `None`: the range is estimated. A right image of another size is scaled
+    /// to that of the left one. Images that are far from rectified are rectified first, if the settings allow
+    /// it and the images show how.
     pub fn match_pair(
         &self,
         left: Image,
@@ -174,8 +174,8 @@ impl Matcher {
     }
 
     /// The map of the right image: right pixel (x, y) corresponds to left pixel (x + d, y). It is the map of
-    /// the exchanged, mirrored pair, mirrored back, and all that was estimated is of that pair. The arguments
-    /// are those of [`Self::match_pair`], of which it takes the time once more.
+    /// the exchanged, mirrored pair, mirrored back, and all estimates are of that pair. It takes the same
+    /// arguments as [`Self::match_pair`], and the same time again.
     pub fn match_right(
         &self,
         left: Image,
@@ -195,12 +195,12 @@ impl Matcher {
                 return Ok(found);
             }
         }
-        // Along columns, it is rows that are mirrored.
+        // If the cameras are above each other, rows are mirrored.
         mirrored(Axis(0), Some(Direction::Columns))
     }
 
-    /// The same as [`Self::match_pair`], of which another thread may see the progress, and which it may
-    /// cancel.
+    /// [`Self::match_pair`] with a control, by which another thread may follow the progress and cancel the
+    /// match.
     pub fn match_controlled(
         &self,
         left: Image,
@@ -211,7 +211,7 @@ impl Matcher {
         self.matched([left, right], disparities.into(), self.axis, control)
     }
 
-    /// Matches a pair that moves along this axis; `None`: along columns where the images show it.
+    /// Matches a pair whose disparities are along this axis; `None`: along columns if the images show it.
     fn matched(
         &self,
         images: [Image; 2],
@@ -225,7 +225,7 @@ impl Matcher {
         Ok(Match::new(matched))
     }
 
-    /// Matches the next pair of a rig, which learns from it. A pair that fails teaches it nothing.
+    /// Matches the next pair of a rig, which learns from it. A rig learns nothing from a pair that fails.
     pub fn match_frame(
         &self,
         rig: &mut Rig,
@@ -244,8 +244,9 @@ impl Matcher {
         Ok(Match { support, ..Match::new(frame.matched) })
     }
 
-    /// Diagnoses a pair: estimates what its match would estimate, and matches a copy of at most 0.4 megapixels. If
-    /// that match fails, a finding warns of it first. The arguments are those of [`Self::match_pair`].
+    /// Diagnoses a pair: estimates everything that a match would estimate, and matches a copy of at most 0.4
+    /// megapixels. If that match fails, the first finding is a warning about it. The arguments are those of
+    /// [`Self::match_pair`].
     pub fn check(
         &self,
         left: Image,
@@ -258,8 +259,8 @@ impl Matcher {
         self.on_threads(&control, |runtime| diagnosed(pair, &facts, &self.settings, runtime))
     }
 
-    /// Prepares two images for any other matcher; `max_disparity` is the largest disparity that it can
-    /// answer, from 1. The other arguments are those of [`Self::match_pair`].
+    /// Prepares two images for any other matcher; `max_disparity` is the largest disparity that the matcher
+    /// can return, at least 1. The other arguments are those of [`Self::match_pair`].
     pub fn prepare(
         &self,
         left: Image,
@@ -285,8 +286,8 @@ impl Matcher {
         Ok(PreparedPair { images, done, num_disparities, findings, back })
     }
 
-    /// Judges a disparity map of the left image, in pixels; what is not finite claims nothing. The pair is
-    /// matched anew.
+    /// Judges a disparity map of the left image, in pixels; non-finite values make no claim. The pair is
+    /// matched again.
     pub fn verify(&self, left: Image, right: Image, map: &Plane<f32>) -> Result<Verification> {
         let (pair, facts) = read_pair([left, right], None, None)?;
 
@@ -302,8 +303,8 @@ impl Matcher {
         Ok(Verification { verdicts, better, confidence, uncertainty, findings, own })
     }
 
-    /// How to rectify two raw images, and others of the same cameras, by what they show alone; and what was
-    /// found, in sentences.
+    /// Finds how to rectify two raw images, and others of the same cameras, from the images alone; also
+    /// returns findings.
     pub fn calibrate(&self, left: Image, right: Image) -> Result<(Calibration, Vec<Finding>)> {
         let (inputs, sizes) = raw(left, right)?;
         let pair = Pair::of_any(inputs, 0, 1)?;
@@ -316,8 +317,8 @@ impl Matcher {
         Ok((Calibration::of_cameras(&found.cameras).as_they_come(sizes)?, told))
     }
 
-    /// Rectifies two raw images: pixels that lie outside these are masked. Both become as large as the left
-    /// one; K2 is of the right one as it comes.
+    /// Rectifies two raw images; pixels outside the raw images are masked. Both results are as large as the
+    /// left image; K2 is that of the original right image.
     pub fn rectify(
         &self,
         left: Image,
@@ -340,7 +341,7 @@ impl Matcher {
         })
     }
 
-    /// Depths of the rectified left camera, NaN where there are none, as a third camera sees them.
+    /// Depths of the rectified left camera (NaN: none), as a third camera sees them.
     pub fn register(
         &self,
         depth: &Plane<f32>,
@@ -351,9 +352,9 @@ impl Matcher {
         self.on_threads(&control, |Runtime { control, .. }| register(depth, left, camera, control))
     }
 
-    /// The most bytes of working memory that the match of images of this many rows and columns takes, whose
-    /// pixels, all channels together, take `pixel_bytes` each. Images and maps are not included, nor the
-    /// codes of the right image that are kept for each kind of blur that is compensated for.
+    /// The most bytes of working memory for a match of images with this many rows and columns, where each
+    /// pixel, all channels together, takes `pixel_bytes`. Images and maps are not included, nor the codes of
+    /// the right image that are kept for each kind of compensated blur.
     pub fn working_memory(
         &self,
         (rows, cols): (usize, usize),
@@ -361,7 +362,7 @@ impl Matcher {
         num_disparities: usize,
     ) -> Result<u64> {
         let candidates = Candidates::new(0, num_disparities as i64, cols)?;
-        // 1 byte a pixel, up to 3 channels of 8.
+        // 1 byte per pixel, up to 3 channels of 8.
         if !(1..=24).contains(&pixel_bytes) {
             return Err(Error::value("pixel_bytes", pixel_bytes, "an integer from 1 to 24"));
         }
@@ -410,7 +411,7 @@ impl Match {
         }
     }
 
-    /// The same with the rows or the columns of all maps in the other order.
+    /// The same, with the rows or the columns of all maps reversed.
     fn reversed(self, axis: Axis) -> Self {
         Self {
             disparity: self.disparity.reversed(axis),
@@ -422,7 +423,7 @@ impl Match {
     }
 }
 
-/// Two raw images, the right one at the size of the left one, and the sizes as they came.
+/// Two raw images, the right one scaled to the size of the left one, and the original sizes.
 fn raw(left: Image, right: Image) -> Result<([Input; 2], Sizes)> {
     let [left, mut right] = [left.into_input(), right.into_input()];
     left.check("left")?;
@@ -435,7 +436,7 @@ fn raw(left: Image, right: Image) -> Result<([Input; 2], Sizes)> {
     Ok(([left, right], sizes))
 }
 
-/// Both images, and the disparities and the axis if they are given.
+/// Both images, and the disparities and the axis if given.
 fn read_pair(
     [left, right]: [Image; 2],
     disparities: Option<Range<i64>>,

@@ -4,20 +4,20 @@
 //!
 //! Start with `match_pair`. It runs, in this order:
 //!
-//! 1. `estimation`: what the caller does not know of the pair is estimated from the images: the range of
-//!    disparities, how rows correspond, blur, noise, light.
-//! 2. `rectification`: a pair that is too far from rectified for that is rectified by what its images show.
+//! 1. `estimation`: properties of the pair that the caller does not give are estimated from the images: range
+//!    of disparities, correspondence of rows, blur, noise, light.
+//! 2. `rectification`: a pair that is too far from rectified is rectified from its images.
 //! 3. The matcher, the crate `phasestereo-match`, matches the pair that is now ready.
-//! 4. `scales`: where a copy of the pair of half the size, a quarter ... is more likely to be right, it
-//!    decides, and flat areas become planes.
-//! 5. `findings`: what is worth knowing about the pair and the match becomes sentences.
+//! 4. `scales`: copies of half the size, a quarter ... decide where they are more likely to be right, and
+//!    flat areas become planes.
+//! 5. `findings`: noteworthy facts about the pair and the match become sentences.
 //!
-//! `preparation` makes a pair that any other matcher can use of what 1 and 2 have found. `video` does the
-//! same for frame after frame of two cameras, which it learns from. `verification` judges a disparity map of
-//! another origin by a match of its own and by the costs of both. `interface` takes images that are slices,
-//! matches them on threads that are kept, and returns the map with all there is to say about it.
+//! `preparation` uses the results of 1 and 2 to make a pair that any other matcher can use. `video` does the
+//! same for consecutive frames of two cameras, and learns from them. `verification` judges a disparity map
+//! from elsewhere, by its own match and by the costs of both. `interface` takes images as slices, matches
+//! them on persistent threads, and returns the map with all findings.
 //!
-//! `self_check` holds this build to the digests of matches that every platform has.
+//! `self_check` compares this build with the digests of matches that every platform must have.
 
 mod estimation;
 mod finding;
@@ -56,7 +56,7 @@ pub use rectification::warp::Interpolation;
 pub use third_camera::{LeftCamera, Lens, Registered, ThirdCamera};
 pub use verification::verdict;
 
-/// What was found out about a pair: the types of the fields of [`Estimates`] and [`Rectified`].
+/// The types of the fields of [`Estimates`] and [`Rectified`].
 ///
 /// ```
 /// use phasestereo::{Estimates, found::Side};
@@ -82,8 +82,8 @@ pub mod found {
 
 macro_rules! open {
     ($($module:ident)*) => {
-        /// All of this crate, for the extension module of Python, the tests and the benches. It is not part
-        /// of the interface: any of it may change with any version.
+        /// All of this crate, for the Python extension module, the tests and the benches. It is not part of
+        /// the interface: any of it may change in any version.
         #[doc(hidden)]
         pub mod internals {
             $(

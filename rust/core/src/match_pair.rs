@@ -1,13 +1,13 @@
-//! A whole match: what is not known of a pair is estimated, the pair is made ready by that, matched, and
+//! A whole match: unknown properties of a pair are estimated; the pair is prepared with them, matched, and
 //! decided over scales.
 //!
 //! ```text
-//! if things move along columns by their distance, as is known:  turn the pair
-//! estimates = what is not known of the pair                        # crate::estimation
-//! if things move along columns, as the images show: turn the pair, and begin again  # rectification::axis
+//! if disparities are known to be along columns:  turn the pair
+//! estimates = the unknown properties of the pair                   # crate::estimation
+//! if the images show disparities along columns: turn the pair, and start over  # rectification::axis
 //! if its rows are too far off to be aligned, and its images show the cameras:
-//!     pair, estimates = the rectified pair, and those of it        # crate::rectification::raw_pair
-//! map = match(pair, made ready by its estimates)                   # crate::scales, phasestereo_match::matcher
+//!     pair, estimates = those of the rectified pair                # crate::rectification::raw_pair
+//! map = match(pair, prepared with its estimates)          # crate::scales, phasestereo_match::matcher
 //! if the pair was rectified: map in the pixels of the raw left image;  if it was turned: turned back
 //! ```
 
@@ -30,19 +30,20 @@ use phasestereo_match::pair::Pair;
 use phasestereo_match::pair::candidates::Candidates;
 use phasestereo_match::settings::Settings;
 
-/// Matches a pair of which some facts are known.
+/// Matches a pair, given the known facts about it.
 pub fn match_pair(pair: Pair, facts: &Facts, settings: &Settings, runtime: Runtime) -> Result<Matched> {
     Ok(match_as_turned(pair, facts, settings, runtime)?.turned_back())
 }
 
-/// The same, with the map as the pair was matched: turned, if things move along its columns.
+/// [`match_pair`], but returns the map of the pair as it was matched: turned, if its disparities are along
+/// columns.
 pub fn match_as_turned(pair: Pair, facts: &Facts, settings: &Settings, runtime: Runtime) -> Result<Matched> {
     runtime.control.begin(settings.budget);
     made_ready(pair, facts, settings, runtime)?.matched(settings, runtime)
 }
 
-/// The pair turned so that rows are searched along which things move, if they are known to move along its
-/// columns; and what is known of it. Disparities that are given are checked against the columns.
+/// The pair, turned so that its rows are searched if its disparities are known to be along columns. Given
+/// disparities are checked against the columns.
 pub fn turned(pair: Pair, facts: &Facts) -> Result<Pair> {
     if !facts.turns() || pair.is_turned() {
         return Ok(pair);
@@ -54,27 +55,27 @@ pub fn turned(pair: Pair, facts: &Facts) -> Result<Pair> {
 /// A pair that is ready to be matched.
 #[derive(Debug, Clone)]
 pub struct Ready {
-    /// The pair, with what was estimated of it: the rectified one, if it was rectified.
+    /// The pair that will be matched, with its estimates: the rectified one, if it was rectified.
     pub prepared: Prepared,
-    /// The cameras by which it was.
+    /// The cameras used to rectify it; `None`: it was not rectified.
     pub raw: Option<Arc<Raw>>,
-    /// Whether the odd rows of the images, before they were rectified, became means of the even ones.
+    /// Whether the odd rows of the images, before rectification, became means of the even ones.
     pub even_rows: [bool; 2],
 }
 
-/// What is known of a pair, and what was done to it, once it is ready to be matched.
+/// The changes made to a pair to get it ready for its match.
 #[derive(Debug, Clone, Copy)]
 pub struct Treatment<'a> {
-    /// The pair as it is matched, with what was estimated of it.
+    /// The pair that will be matched, with its estimates.
     pub prepared: &'a Prepared,
-    /// The cameras by which it was rectified.
+    /// The cameras used to rectify it.
     pub raw: Option<&'a Raw>,
-    /// As [`Ready::even_rows`].
+    /// See [`Ready::even_rows`].
     pub even_rows: [bool; 2],
 }
 
 impl Ready {
-    /// Matches it.
+    /// Matches the pair.
     pub fn matched(mut self, settings: &Settings, runtime: Runtime) -> Result<Matched> {
         let map = match_over_scales(&self.prepared, settings, runtime)?;
         let failure = runtime.matcher.engine_failure();
@@ -84,14 +85,14 @@ impl Ready {
         Matched::new(raw, map, self.prepared, runtime.control)
     }
 
-    /// What was done to it.
+    /// The changes made to the pair.
     pub fn treatment(&self) -> Treatment<'_> {
         let Self { prepared, raw, even_rows } = self;
         Treatment { prepared, raw: raw.as_deref(), even_rows: *even_rows }
     }
 }
 
-/// Makes a pair ready of which some facts are known.
+/// Makes a pair ready for its match, given the known facts about it.
 pub fn made_ready(pair: Pair, facts: &Facts, settings: &Settings, runtime: Runtime) -> Result<Ready> {
     let pair = turned(pair, facts)?;
     let (pair, estimates) = complete(pair, facts, settings, runtime)?;
@@ -109,7 +110,7 @@ pub fn made_ready(pair: Pair, facts: &Facts, settings: &Settings, runtime: Runti
     };
 
     if let Some(Refusal::Axis(_)) = refusal {
-        // What was taken for rows that are off are distances.
+        // Offsets that look like misaligned rows are disparities.
         estimates.alignment = None;
     }
     estimates = findings::with_findings(estimates, &pair, settings);
@@ -121,8 +122,8 @@ pub fn made_ready(pair: Pair, facts: &Facts, settings: &Settings, runtime: Runti
     Ok(Ready { prepared, raw, even_rows })
 }
 
-/// What a match of a pair finds out before it matches, by topic; and before that, why the match of
-/// a small copy of the pair failed, if it did: estimates alone do not show how well a pair is matched.
+/// The findings of a match's estimates, by topic. If the match of a small copy of the pair failed, the reason
+/// comes first: estimates alone do not show how well a pair matches.
 pub fn diagnosed(pair: Pair, facts: &Facts, settings: &Settings, runtime: Runtime) -> Result<Estimates> {
     let Ready { prepared, .. } = made_ready(pair, facts, settings, runtime)?;
     let (own, summary, size) = match_copy(&prepared, settings, runtime)?;
@@ -135,8 +136,8 @@ pub fn diagnosed(pair: Pair, facts: &Facts, settings: &Settings, runtime: Runtim
     Ok(estimates)
 }
 
-/// Makes a pair ready to be matched along its columns; `None`: whether things move along rows or columns is
-/// known, or columns correspond no better than rows.
+/// Makes a pair ready to be matched along its columns. `None`: it is known whether disparities are along rows
+/// or columns, or columns correspond no better than rows.
 fn along_columns(
     pair: &Pair,
     before: &Estimates,
@@ -165,16 +166,15 @@ fn along_columns(
     Ok(Some(ready))
 }
 
-/// What became of a pair that was rectified for its match.
+/// The result of rectifying a pair for its match.
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub struct Rectified {
-    /// The cameras by which it was.
+    /// The cameras used to rectify it.
     pub raw: Arc<Raw>,
     /// The map of the rectified pair.
     pub map: Disparity,
-    /// By how many rows each pixel of the raw left image is lower in the raw right one; NaN where the
-    /// disparity is missing.
+    /// How many rows lower each pixel of the raw left image is in the raw right one; NaN without a disparity.
     pub rows: Plane<f32>,
     /// Whether the odd rows of the raw images became means of the even ones.
     pub even_rows: [bool; 2],
@@ -183,24 +183,24 @@ pub struct Rectified {
 /// A pair that was prepared and matched.
 #[derive(Debug)]
 pub struct Matched {
-    /// The map, in pixels of the left image as it came, or as it was turned.
+    /// The map, in pixels of the left image as it was given or turned.
     pub map: Disparity,
-    /// The pair as it was matched: that of the rectified images, if it was rectified.
+    /// The pair that was matched: that of the rectified images, if it was rectified.
     pub prepared: Prepared,
-    /// What became of a pair that had to be rectified; `None`: it did not.
+    /// The rectification; `None`: the pair was matched without one.
     pub rectified: Option<Rectified>,
 }
 
 impl Rectified {
-    /// Where each pixel of the rectified left and right image is in the raw one: column and row,
-    /// NaN where no ray comes from. The match has computed it already.
+    /// The raw place of each pixel of the rectified left and right image: column and row, NaN where no ray
+    /// comes from. The match has already computed it.
     pub fn places(&self) -> Result<&[Plane<[f32; 2]>; 2]> {
         self.raw.places(&Control::default())
     }
 }
 
 impl Matched {
-    /// The map of a pair, in the pixels of the raw left image if the pair was rectified by these cameras, after
+    /// The map of a pair, converted to the pixels of the raw left image if these cameras rectified it, after
     /// odd rows of its images became means of the even ones.
     pub fn new(
         raw: Option<(Arc<Raw>, [bool; 2])>,
@@ -216,7 +216,7 @@ impl Matched {
         Ok(Self { map: own, prepared, rectified })
     }
 
-    /// What was done to the pair before it was matched.
+    /// The changes made to the pair before its match.
     pub fn treatment(&self) -> Treatment<'_> {
         let Self { prepared, rectified, .. } = self;
         let (raw, even_rows) = match rectified {
@@ -226,13 +226,13 @@ impl Matched {
         Treatment { prepared, raw, even_rows }
     }
 
-    /// The map as it was matched: that of the rectified images, if the pair was rectified.
+    /// The map of the pair that was matched: that of the rectified images, if it was rectified.
     pub fn own(&self) -> &Disparity {
         self.rectified.as_ref().map_or(&self.map, |rectified| &rectified.map)
     }
 
-    /// The same with the map in the pixels of the images as they came, if these were turned. What became of a
-    /// pair that was rectified stays that of the turned pair.
+    /// The same, with the map in the pixels of the original images, if these were turned. The rectification
+    /// stays that of the turned pair.
     pub fn turned_back(self) -> Self {
         if !self.prepared.pair.is_turned() {
             return self;
@@ -240,7 +240,7 @@ impl Matched {
         Self { map: self.map.turned_back(), ..self }
     }
 
-    /// Shares of the pixels of the map as it was matched.
+    /// Shares of the pixels of the map of the pair that was matched.
     pub fn summary(&self) -> Summary {
         Summary::new(self.own(), self.prepared.estimates.candidates.value)
     }

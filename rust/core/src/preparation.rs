@@ -1,19 +1,19 @@
-//! A pair that any matcher can use, by what was found out about it; and the maps of others back in the left
-//! image as it came.
+//! A pair that any matcher can use, from the estimates; and the conversion of the maps of other matchers to
+//! the original left image.
 //!
 //! ```text
-//! ready = the pair as it is matched: rectified, rows aligned, impulses repaired, negative undone    # crate::match_pair
+//! ready = the pair to match: rectified, rows aligned, impulses repaired, negative undone   # match_pair.rs
 //! out = each channel of both images, through all of that
-//! out = smoothed, where there is much noise; blurred by area as the match does                     # channels.rs
-//! out = the right one with the gray levels of the left one, where they differ
-//! out = moved so that no disparity is negative, and reduced where disparities would be too large    # back.rs
+//! out = smoothed, if there is much noise; blurred by area as in the match                # channels.rs
+//! out = the right one with the gray levels of the left one, if they differ
+//! out = moved so that no disparity is negative, reduced if disparities would be too large  # back.rs
 //! ```
 //!
-//! Nothing is estimated but what a match estimates. An image to which nothing has to be done stays as it is,
-//! to the bit.
+//! Only properties that a match estimates are estimated. An image that needs no change stays bit for bit the
+//! same.
 //!
 //! A match compares each left pixel with the version of the right image that suits the left pixel's blur.
-//! Others take one right image: of each of its pixels, the blur is that of the left pixel which the rough
+//! Other matchers take one right image: each of its pixels has the blur of the left pixel that the rough
 //! match sees there.
 
 pub mod back;
@@ -33,37 +33,37 @@ use phasestereo_match::pair::candidates::Candidates;
 use phasestereo_match::pair::{Pair, is_same_type};
 use phasestereo_match::settings::Settings;
 
-/// Smoothed with at least this share of black to white: noise of some 10 gray levels. With less, bad-1.0 of
-/// networks rises: `HITNet` on 12 sharp pairs 9.6 %, smoothed 10.6.
+/// Least smoothing that is applied, as a share of black to white: that for noise of some 10 gray levels. With
+/// less, bad-1.0 of networks rises: `HITNet` on 12 sharp pairs 9.6 %, smoothed 10.6.
 const SMOOTHED_FROM: f64 = 20.0 / 255.0;
-/// Gains and gammas that differ from 1 by more are undone; less is within the error of the estimate, 9 and 7
-/// %.
+/// Gains and gammas that differ from 1 by more are undone; smaller ones are within the error of the estimate,
+/// 9 and 7 %.
 const GAIN: f64 = 0.10;
 const GAMMA: f64 = 0.15;
-/// Share of the sure disparities below which negative ones are mistakes, and one that is clearly negative,
-/// pixels. Moving a pair without need costs `HITNet` 1 point.
+/// Share of the confident disparities below which negative ones are mistakes, and the disparity that is
+/// clearly negative, pixels. Moving a pair without need costs `HITNet` 1 point.
 const FEW: f64 = 0.03;
 const CLEARLY: f32 = -1.0;
-/// The most that images are reduced by.
+/// The largest factor by which images are reduced.
 const MOST_REDUCED: usize = 64;
 
 /// A pair for other matchers.
 #[derive(Debug)]
 pub struct Preparation {
-    /// Both images; one to which nothing had to be done is as it came.
+    /// Both images; an unchanged one is the original.
     pub images: [Input; 2],
-    /// Whether anything was done to each.
+    /// Whether each image was changed.
     pub changed: [bool; 2],
-    /// What was done, in sentences.
+    /// The changes, in sentences.
     pub done: Vec<String>,
-    /// Number of disparities from 0 on that the prepared pair has.
+    /// Number of disparities of the prepared pair, starting at 0.
     pub num_disparities: usize,
-    /// How maps of the prepared pair come back.
+    /// The conversion of maps of the prepared pair to the original image.
     pub back: Back,
 }
 
-/// Prepares two images, as they came, for other matchers, whose largest disparity may be known; and the pair
-/// that is ready to be matched.
+/// Prepares two original images for other matchers, whose largest disparity may be known; also returns the
+/// pair that is ready to be matched.
 pub fn prepared_for_others(
     inputs: [Input; 2],
     facts: &Facts,
@@ -87,8 +87,8 @@ pub fn prepared_for_others(
     Ok((made, ready))
 }
 
-/// Prepares two images for other matchers by what was done to them for a match: as they came, or turned, if
-/// the match has turned them.
+/// Prepares two images for other matchers by the changes made for a match: images as given, or turned, if the
+/// match turned them.
 pub fn prepared_as(
     inputs: &[Input; 2],
     ready: Treatment,
@@ -120,7 +120,7 @@ pub fn prepared_as(
     })
 }
 
-/// By how much disparities grow, and by what images are reduced.
+/// The increase of disparities, and the factor by which images are reduced.
 fn placement(estimates: &Estimates, max_disparity: Option<i64>) -> Result<(i64, usize)> {
     let searched = estimates.candidates.value;
     let (low, count) = searched.numbers();
@@ -142,7 +142,7 @@ fn placement(estimates: &Estimates, max_disparity: Option<i64>) -> Result<(i64, 
     Ok((-low, factor as usize))
 }
 
-/// Whether more of what the rough match is sure of is clearly negative than can be mistakes.
+/// Whether the share of confident disparities that are clearly negative is too large for mistakes.
 fn has_negative(estimates: &Estimates) -> bool {
     let sure = estimates.seen.iter().flat_map(|seen| seen.sure.as_slice());
     let (mut below, mut all) = (0usize, 0usize);
@@ -153,7 +153,7 @@ fn has_negative(estimates: &Estimates) -> bool {
     below as f64 > FEW * all as f64
 }
 
-/// How the gray levels of the right image become those of the left one, if they differ.
+/// The conversion of the right image's gray levels to those of the left one, if they differ.
 fn tone(estimates: &Estimates) -> Option<Tone> {
     let found = estimates.photometry?;
     let curve = found.contrast?;

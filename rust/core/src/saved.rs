@@ -1,8 +1,8 @@
-//! Limits of what is read from a text, which may come from anyone.
+//! Limits of values read from a text, which may come from anyone.
 
-/// Most pixels of an image. A text of larger images is refused, whatever memory a match would take.
+/// Most pixels of an image. A text about larger images is refused, whatever memory a match would take.
 pub const MOST_PIXELS: usize = 1 << 30;
-/// Most of what is measured in pixels, multiples of deviations, or degrees, and of what cameras are made of.
+/// Largest values measured in pixels, multiples of deviations, or degrees, and of the numbers of cameras.
 pub const LARGEST: f64 = 1e6;
 
 /// Whether all numbers are finite and not huge.

@@ -1,8 +1,8 @@
-//! Matches whose bits are known: of pairs that are made here, as rigs of many kinds take them.
+//! Matches with known bits, of pairs that are generated here like those of rigs of many kinds.
 //!
-//! Arithmetic is the same on every platform, so are the maps and their findings. A build, a processor or an
-//! emulator that computes something else has other digests. Whoever changes a result changes digests, too:
-//! `cargo test self_check` prints what they have become.
+//! Arithmetic is the same on every platform, and so are the maps and their findings. A build, a processor or
+//! an emulator that computes something else gives other digests. If you change a result, update the digests:
+//! `cargo test self_check` prints the new ones.
 
 pub mod scenes;
 
@@ -26,29 +26,29 @@ use phasestereo_match::pair::Pair;
 use phasestereo_match::pair::candidates::Candidates;
 use phasestereo_match::settings::presets::Preset;
 
-/// What is done with a pair.
+/// The task for a pair.
 #[derive(Debug, Clone, Copy)]
 pub enum Work {
     /// It is matched over this many disparities, or without a given range.
     Match(Preset, Option<i64>),
-    /// It is matched as two frames, after two of a rig that has noise alone.
+    /// It is matched as two frames, after two of a rig that only has noise.
     Frame,
     /// It is matched as a frame after others, without given facts.
     After(&'static [Fault]),
-    /// A map of it is verified, right but for some areas.
+    /// Verifies a map of it that is right except in some areas.
     Verify,
     /// Its cameras are found.
     Cameras,
 }
 
-/// A pair, what is done with it, and the digest of what comes of it.
+/// A pair, its task, and the digest of the result.
 #[derive(Debug)]
 pub struct Case {
-    /// What the rig does to its images.
+    /// The fault of the rig.
     pub fault: Fault,
     /// Rows and columns.
     pub size: (usize, usize),
-    /// What is done with the pair.
+    /// The task for the pair.
     pub work: Work,
     /// The digest.
     pub digest: u64,
@@ -58,10 +58,10 @@ const SMALL: (usize, usize) = (120, 160);
 const MIDDLE: (usize, usize) = (240, 320);
 const LARGE: (usize, usize) = (400, 720);
 const TOLD: Option<i64> = Some(32);
-/// Focal length, pixels, by which rows become a rotation.
+/// Focal length, pixels, that converts rows to a rotation.
 const FOCAL: f64 = 300.0;
 const COMES_NEARER: [Fault; 4] = [Fault::None, Fault::None, Fault::Nearer(8), Fault::Nearer(12)];
-/// Frames that no estimate matches, among others.
+/// Frames, among others, that no estimate matches.
 const LOST: [Fault; 8] = [
     Fault::None,
     Fault::None,
@@ -133,7 +133,7 @@ impl Case {
         format!("{fault:?} ({cols} x {rows}, {work:?})")
     }
 
-    /// The digest of what comes of it here.
+    /// The digest of the result here.
     pub fn found(&self, runtime: Runtime) -> Result<u64> {
         let mut digest = Digest::default();
         match self.work {
@@ -196,7 +196,7 @@ impl Case {
         }
         digest.add(text::written(&rig)?.into_bytes());
 
-        // Against the usual limits, and against what it is, which is within.
+        // Against the usual limits, and against its own values, which are within them.
         let usual = check(&rig, &[], Some(FOCAL))?;
         let value = |check: &Check| Some((check.quantity.words()[0].to_owned(), check.value?));
         let own: Vec<_> = usual.iter().filter_map(value).collect();
@@ -234,8 +234,8 @@ impl Case {
     }
 }
 
-/// The cases whose digests are not those of every platform: their names, and the digests. Each case counts as
-/// a row done.
+/// The names and digests of the cases that differ from those of every platform. Each case counts as a
+/// finished row.
 pub fn differing(runtime: Runtime) -> Result<Vec<String>> {
     let mut differing = Vec::new();
     for case in CASES {
@@ -248,7 +248,7 @@ pub fn differing(runtime: Runtime) -> Result<Vec<String>> {
     Ok(differing)
 }
 
-/// What a case adds to its digest.
+/// The data that a case adds to its digest.
 trait Add {
     fn add_map(&mut self, map: &Disparity);
     fn add_said(&mut self, said: &[Finding]);

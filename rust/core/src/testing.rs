@@ -1,4 +1,4 @@
-//! What the inline tests of several modules need.
+//! Helpers for the inline tests of several modules.
 
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::simd::Level;
@@ -20,7 +20,7 @@ pub fn levels() -> impl Iterator<Item = Level> {
     Level::all().filter_map(|(_, level)| level)
 }
 
-/// Numbers that look random, below 2^24, always the same ones.
+/// Pseudorandom numbers below 2^24, always the same.
 pub fn random(seed: u32) -> impl FnMut() -> u32 {
     let mut state = seed;
     move || {
@@ -29,7 +29,7 @@ pub fn random(seed: u32) -> impl FnMut() -> u32 {
     }
 }
 
-/// A byte that looks random, by its place.
+/// A pseudorandom byte by place.
 pub fn texture(y: usize, x: usize, salt: u64) -> u8 {
     let mut bits = (y as u64) << 32 | x as u64 | salt << 60;
     for factor in [0xbf58_476d_1ce4_e5b9, 0x94d0_49bb_1331_11eb] {

@@ -1,9 +1,9 @@
-//! Depths of the rectified left camera as a third camera, as a color camera beside the pair, sees them.
+//! Depths of the rectified left camera as seen by a third camera, such as a color camera beside the pair.
 //!
 //! ```text
 //! p = the place of left pixel (x, y) in the third camera,   z = its depth there
 //! area(x, y) = p +- half the way to its neighbors on the same surface: |difference of disparities| <= 1
-//! source(q) = the left pixel with the least z, of those whose area holds q; of equals the first
+//! source(q) = the left pixel with the least z among those whose area contains q; of equal ones, the first
 //! hole(q): no source, and q is in the area of a left pixel without depth, drawn as deep as the background
 //! occluded(q): neither, and the left camera has q in view at the depth of the background beside it
 //! ```
@@ -24,26 +24,26 @@ use phasestereo_match::choices::JUMP;
 const LARGEST: i32 = 64;
 /// Pixels: neighbors share an edge, which rounding must not open.
 const SLACK: f64 = 1e-3;
-/// Of the widest angle in a distorted image: polynomials turn back beyond it.
+/// Factor of the widest angle in a distorted image: polynomials turn back beyond it.
 const RIM: f64 = 1.05;
-/// Steps of Newton's method at most, by which a distortion is undone.
+/// Most steps of Newton's method that undo a distortion.
 const STEPS: usize = 50;
-/// Focal lengths by which the place found for a ray may be off.
+/// Largest error of the place found for a ray, in focal lengths.
 const EXACT: f64 = 1e-10;
 
-/// What a lens does to a place in focal lengths from the principal point.
+/// The effect of a lens on a place in focal lengths from the principal point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Lens {
     /// Nothing.
     Pinhole,
-    /// k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4, and what a tilted sensor does then.
+    /// k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4, and then the effect of a tilted sensor.
     Polynomial([f64; 12], Matrix),
     /// k1 to k4 of a fisheye lens.
     Fisheye([f64; 4]),
 }
 
 impl Lens {
-    /// A lens by its 0, 4, 5, 8, 12 or 14 numbers, in OpenCV's order; a fisheye lens by 4.
+    /// A lens from its 0, 4, 5, 8, 12 or 14 numbers, in OpenCV's order; a fisheye lens from 4.
     pub fn new(numbers: &[f64], is_fisheye: bool) -> Result<Self> {
         let count = numbers.len();
         let is_known = if is_fisheye { count == 4 } else { [0, 4, 5, 8, 12, 14].contains(&count) };
@@ -60,7 +60,7 @@ impl Lens {
         })
     }
 
-    /// Where the lens moves a place.
+    /// The place to which the lens moves a place.
     fn bent(&self, flat: Point) -> Point {
         match self {
             Self::Pinhole => flat,
@@ -77,7 +77,7 @@ impl Lens {
         }
     }
 
-    /// The place that the lens moves to this one; `None`: Newton's method finds none.
+    /// The place that the lens moves to this one; `None`: Newton's method does not find one.
     fn straight(&self, bent: Point) -> Option<Point> {
         match self {
             Self::Pinhole => Some(bent),
@@ -118,13 +118,13 @@ impl Lens {
     }
 }
 
-/// The angle at which a fisheye lens shows what is at an angle from its axis, radians.
+/// The angle at which a fisheye lens shows a point at an angle from its axis, radians.
 fn angle_seen([k1, k2, k3, k4]: &[f64; 4], angle: f64) -> f64 {
     let square = angle * angle;
     angle * (1.0 + square * (k1 + square * (k2 + square * (k3 + square * k4))))
 }
 
-/// What a sensor does that is tilted about x and y, by radians.
+/// The effect of a sensor tilted about x and y, in radians.
 fn tilt(about_x: f64, about_y: f64) -> Matrix {
     let (sin_x, cos_x) = math::sin_cos(about_x);
     let (sin_y, cos_y) = math::sin_cos(about_y);
@@ -135,7 +135,7 @@ fn tilt(about_x: f64, about_y: f64) -> Matrix {
     times(&[[z, 0.0, -x], [0.0, z, -y], [0.0, 0.0, 1.0]], &both)
 }
 
-/// The rectified left camera: focal lengths and principal point, pixels, and how far the right one is.
+/// The rectified left camera: focal lengths and principal point, pixels, and the distance of the right one.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LeftCamera {
     /// Along x and y.
@@ -153,7 +153,7 @@ impl LeftCamera {
     }
 }
 
-/// A camera beside a rectified pair: `rotation X + translation` leads from the left camera to it.
+/// A camera beside a rectified pair: `rotation X + translation` maps the left camera's points to it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ThirdCamera {
     focal: Point,
@@ -168,17 +168,18 @@ pub struct ThirdCamera {
 /// Depths as a third camera sees them, each map of its size.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Registered {
-    /// The left pixel that each pixel sees, as an index into the flat map; -1 where there is none.
+    /// The left pixel that each pixel sees, as an index into the flat map; -1 without one.
     pub source: Plane<i64>,
-    /// Along its axis; NaN where there is none.
+    /// Along its axis; NaN without one.
     pub depth: Plane<f32>,
-    /// No depth, though the left camera sees what is there.
+    /// No depth, although the left camera sees the point.
     pub holes: Plane<bool>,
-    /// No depth, for something hides from the left camera what is there.
+    /// No depth, because something hides the point from the left camera.
     pub occluded: Plane<bool>,
 }
 
-/// What a left pixel covers of the third camera, up to, without, `right` and `bottom`, and its depth.
+/// The part of the third camera that a left pixel covers, up to but excluding `right` and `bottom`, and its
+/// depth.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 struct Covered {
     left: i32,
@@ -189,7 +190,7 @@ struct Covered {
 }
 
 impl ThirdCamera {
-    /// A camera of a matrix (its skew is 0), with images of `size`: rows, columns.
+    /// A camera from a matrix (its skew is 0), with images of `size`: rows, columns.
     pub fn new(
         matrix: &Matrix,
         lens: Lens,
@@ -209,12 +210,13 @@ impl ThirdCamera {
         camera
     }
 
-    /// x and y of the ray of depth 1 of a pixel; `None`: no ray is seen there.
+    /// x and y of the ray of depth 1 of a pixel; `None`: the lens shows no ray there.
     pub fn flat(&self, pixel: Point) -> Option<Point> {
         self.lens.straight(from_fn(|k| (pixel[k] - self.center[k]) / self.focal[k]))
     }
 
-    /// Column, row and depth of a point of the left camera; `None`: behind, or beyond what the lens sees.
+    /// Column, row and depth of a point of the left camera; `None`: behind this camera, or beyond the lens's
+    /// view.
     fn seen(&self, point: [f64; 3]) -> Option<[f64; 3]> {
         let [x, y, z] = from_fn(|k| dot(self.rotation[k], point) + self.translation[k]);
         let flat = [x / z, y / z];
@@ -237,7 +239,7 @@ impl ThirdCamera {
         })
     }
 
-    /// Whether what is at a pixel and a depth is in the left image, of `rows` and `cols`.
+    /// Whether the point at a pixel and a depth is in the left image, of `rows` and `cols`.
     fn is_in_left_view(
         &self,
         pixel: Point,
@@ -255,14 +257,14 @@ impl ThirdCamera {
     }
 }
 
-/// Depths of the left camera, NaN where there is none, as a third camera sees them.
+/// Depths of the left camera (NaN: none) as a third camera sees them.
 pub fn register(
     depth: &Plane<f32>,
     left: &LeftCamera,
     camera: &ThirdCamera,
     control: &Control,
 ) -> Result<Registered> {
-    // What has no depth is drawn as the background beside it, to see where it may be.
+    // Pixels without depth are drawn as the background beside them, to see where they may be.
     let areas = areas(&with_background(depth.clone()), left, camera, control)?;
     let (source, mut seen) = nearest(&areas, depth, camera.size, f32::is_finite, control)?;
     for (z, source) in seen.as_mut_slice().iter_mut().zip(source.as_slice()) {
@@ -316,8 +318,8 @@ fn areas(
     })
 }
 
-/// An area by half the ways to its neighbors, before and after along x and y. Where a surface ends, a pixel
-/// is as large as towards its other side; where it has no neighbors, as large as it is `alone`.
+/// An area that extends halfway to its neighbors, before and after along x and y. Where a surface ends, a
+/// pixel extends as far as toward its other side; without neighbors, it has the size `alone`.
 fn area_of(
     place: Point,
     depth: f32,
@@ -337,14 +339,14 @@ fn area_of(
 
     let [[left, right], [top, bottom]] = from_fn(|k| {
         let [low, high] = [low[k], high[k]].map(|by| (place[k] + by - SLACK).ceil());
-        // What is smaller than a pixel covers the one that it is in.
+        // An area smaller than a pixel covers the pixel that contains it.
         let nearest = place[k].round_ties_even();
         if high > low { [low as i32, high as i32] } else { [nearest as i32, nearest as i32 + 1] }
     });
     Covered { left, top, right, bottom, depth }
 }
 
-/// For each pixel the left one with a `chosen` depth that it sees (-1: none), and its depth.
+/// For each pixel, the left pixel with a `chosen` depth that it sees (-1: none), and its depth.
 fn nearest(
     areas: &Plane<Covered>,
     depth: &Plane<f32>,
@@ -379,7 +381,7 @@ fn nearest(
     Ok((source, seen))
 }
 
-/// Depths with holes as deep as the farther side of each, along rows, then columns.
+/// Depths with holes filled to the depth of the farther side, along rows, then columns.
 fn with_background(mut depth: Plane<f32>) -> Plane<f32> {
     let (rows, cols) = depth.size();
     for y in 0..rows {

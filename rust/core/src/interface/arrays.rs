@@ -1,4 +1,4 @@
-//! Images that are views of arrays, with any strides; of the feature `ndarray`.
+//! Images from views of arrays, with any strides; part of the feature `ndarray`.
 
 use ndarray::{ArrayView2, ArrayView3, Axis};
 
@@ -24,7 +24,7 @@ impl<T: Pixel> TryFrom<ArrayView2<'_, T>> for Image {
     }
 }
 
-/// A gray or color image: a copy of an array of rows, columns and channels, of which there are 1 or 3.
+/// A gray or color image: a copy of an array of rows, columns and channels (1 or 3).
 impl<T: Pixel> TryFrom<ArrayView3<'_, T>> for Image {
     type Error = Error;
 

@@ -1,11 +1,11 @@
-//! Images that the crate `image` has decoded; of the feature of this name.
+//! Images decoded by the crate `image`; part of the feature of this name.
 
 use image::DynamicImage;
 
 use super::image::{Image, Pixel};
 use phasestereo_match::base::error::{Error, Result};
 
-/// Gray and color images of 8 and 16 bits and of floats. Alpha is that of [`Image::with_alpha`].
+/// Gray and color images of 8 and 16 bits and of floats. Alpha has the meaning of [`Image::with_alpha`].
 impl TryFrom<DynamicImage> for Image {
     type Error = Error;
 
@@ -30,7 +30,7 @@ impl TryFrom<DynamicImage> for Image {
     }
 }
 
-/// An image of these pixels, whose last of `N` channels is alpha.
+/// An image of these pixels; the last of `N` channels is alpha.
 fn with_alpha<T: Pixel + PartialEq, const N: usize>(pixels: &[T], size: (usize, usize)) -> Result<Image> {
     let (pixels, _) = pixels.as_chunks::<N>();
     let colors: Vec<T> = pixels.iter().flat_map(|pixel| &pixel[..N - 1]).copied().collect();

@@ -1,4 +1,4 @@
-//! Images as callers have them: slices of pixels.
+//! Images in the caller's form: slices of pixels.
 
 use ndarray::{Array3, Axis};
 
@@ -6,7 +6,7 @@ use phasestereo_match::base::error::{Error, Result};
 use phasestereo_match::base::plane::{Plane, zeroed};
 use phasestereo_match::image::pixels::{self, Input};
 
-/// A gray or color image, of which pixels may be masked.
+/// A gray or color image, some pixels of which may be masked.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Image(Input);
 
@@ -39,8 +39,8 @@ macro_rules! pixels {
 pixels!(u8: U8, u16: U16, f32: F32, f64: F64);
 
 impl Image {
-    /// A copy of the pixels of an image of this many rows and columns, row after row: one value each, or
-    /// three, red, green and blue.
+    /// A copy of the pixels of an image with this many rows and columns, row after row: one value each, or
+    /// three (red, green and blue).
     pub fn from_slice<T: Pixel>(pixels: &[T], size: (usize, usize)) -> Result<Self> {
         let mut copy = zeroed(pixels.len())?;
         copy.copy_from_slice(pixels);
@@ -48,7 +48,7 @@ impl Image {
         Self::from_vec(copy, size)
     }
 
-    /// The same without a copy.
+    /// Like [`Self::from_slice`], without a copy.
     pub fn from_vec<T: Pixel>(pixels: Vec<T>, (rows, cols): (usize, usize)) -> Result<Self> {
         let refused = |count: usize| {
             let accepts = format!("1 or 3 for each of {rows} x {cols} pixels, one at least");
@@ -66,7 +66,7 @@ impl Image {
         Ok(Self(Input::from(T::image(pixels.map_err(|_| refused(count))?))))
     }
 
-    /// The image of which only these pixels are valid, row after row, of those that are.
+    /// The image with only these pixels valid, row after row, out of those that are already valid.
     pub fn with_mask(self, valid: &[bool]) -> Result<Self> {
         let (rows, cols) = self.0.size();
         let mut mask = zeroed(valid.len())?;
@@ -80,13 +80,13 @@ impl Image {
         Ok(Self(Input { mask: Some(mask), ..self.0 }))
     }
 
-    /// The image of which these pixels are opaque, row after row; the others are masked, unless none is opaque,
-    /// as where a fourth channel of zeros only fills up four bytes.
+    /// The image with only these opaque pixels, row after row; the others are masked. If none is opaque, all
+    /// stay valid, since a fourth channel of zeros may only be padding.
     pub fn with_alpha(self, opaque: &[bool]) -> Result<Self> {
         if opaque.contains(&true) && opaque.contains(&false) { self.with_mask(opaque) } else { Ok(self) }
     }
 
-    /// The pixels, row after row, one value each or three; `None`: they are of another type.
+    /// The pixels, row after row, one value each or three; `None`: they have another type.
     pub fn pixels<T: Pixel>(&self) -> Option<&[T]> {
         T::pixels(&self.0.image)
     }
@@ -97,7 +97,7 @@ impl Image {
         Plane::from_fn(rows, cols, |y, x| self.0.is_valid(y, x))
     }
 
-    /// The image with its rows or its columns in the other order.
+    /// The image with its rows or columns in reverse order.
     pub(crate) fn reversed(&self, axis: Axis) -> Self {
         Self(self.0.reversed(axis))
     }

@@ -11,10 +11,10 @@ const TRUSTED: f32 = 0.5;
 named! {
     /// Which estimates to use.
     pub enum Keep {
-        /// Those that are probably within 1 px of the true disparity: with a confidence of at least 0.5. Of a
-        /// map without confidences those without a flag, and none where most are wrong.
+        /// Those that are probably within 1 px of the true disparity, with a confidence of at least 0.5. In a
+        /// map without confidences: those without a flag, or none if most are wrong.
         Trusted = "trusted",
-        /// Trusted ones without a flag: fewer, more of them are right, and none is filled in.
+        /// Trusted ones without a flag: fewer, but more of them are right, and none is filled in.
         Checked = "checked",
         /// Every estimate.
         All = "all",
@@ -27,7 +27,7 @@ impl Keep {
         chosen("keep", Self::ALL, Self::name, name)
     }
 
-    /// Whether a pixel is kept, of a map of which the share `wrong` is estimated to be wrong (NaN: not known).
+    /// Whether a pixel is kept, in a map with an estimated share `wrong` of wrong disparities (NaN: unknown).
     pub fn keeps(self, disparity: f32, flags: u16, confidence: Option<f32>, wrong: f64) -> bool {
         let has_failed = wrong > 1.0 - f64::from(TRUSTED);
         let is_trusted = confidence.map_or(flags == 0 && !has_failed, |sure| sure >= TRUSTED);
@@ -41,7 +41,7 @@ impl Keep {
 }
 
 impl Match {
-    /// The same without the disparities, and their error bars, that a choice does not keep: NaN.
+    /// The map with the disparities and error bars that a choice does not keep set to NaN.
     pub fn kept(mut self, keep: Keep) -> Self {
         for y in 0..self.disparity.rows() {
             let confidence = self.confidence.as_ref().map(|plane| plane.row(y));

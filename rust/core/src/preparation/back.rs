@@ -1,13 +1,14 @@
-//! Maps of a prepared pair -> maps of the left image as it came.
+//! Maps of a prepared pair -> maps of the original left image.
 //!
 //! ```text
 //! prepared image = mean of factor x factor pixels of the moved one
 //! left:   column x is at x + shift of the moved image      right:   column x is at x
-//! disparity = factor x that of the map - shift;   rectified images: as crate::rectification::warp has it
+//! disparity = factor x that of the map - shift;   rectified images: see crate::rectification::warp
 //! ```
 //!
-//! Of a map of another size than the prepared images, values between pixels are linear where the four around
-//! differ by no more than a pixel, else those of the nearest: a mean over a jump would be neither side's.
+//! If a map has another size than the prepared images, it is interpolated linearly between four pixels that
+//! differ by at most a pixel, and otherwise the nearest one is used: a mean over a jump would belong to
+//! neither side.
 
 use serde::{Deserialize, Serialize};
 
@@ -20,31 +21,31 @@ use phasestereo_match::base::error::{Error, Result};
 use phasestereo_match::base::plane::Plane;
 use phasestereo_match::choices::JUMP;
 
-/// Of a map of another size: most prepared columns for one of the map, and for one of the prepared images.
+/// For a map of another size: most prepared columns per column of the map, and the reverse.
 const LARGEST_RATIO: f64 = 64.0;
 const SMALLEST_RATIO: f64 = 1.0 / 8.0;
-/// How a text begins.
+/// The beginning of a text.
 const HEAD: &str = "phasestereo back 1";
 /// Most rows or columns of an image in a text.
 const MOST_SIDE: usize = 1 << 20;
 
-/// How maps of a prepared pair come back.
+/// The conversion of maps of a prepared pair to the original image.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Back {
-    /// Rows and columns of the left image as it came.
+    /// Rows and columns of the original left image.
     size: (usize, usize),
-    /// By how much disparities grew, pixels of the image as it came.
+    /// The increase of disparities, pixels of the original image.
     shift: i64,
-    /// By what the images were reduced.
+    /// The factor by which the images were reduced.
     factor: usize,
-    /// The cameras by which they were rectified.
+    /// The cameras that rectified them.
     cameras: Option<Cameras>,
-    /// Lengths of the runs of valid and masked pixels, row after row, in turn; empty: all are valid.
+    /// Lengths of the alternating runs of valid and masked pixels, row after row; empty: all are valid.
     runs: Vec<usize>,
 }
 
 impl Back {
-    /// How maps of a pair come back that was moved and reduced.
+    /// The conversion for a pair that was moved and reduced.
     pub fn new(ready: Treatment, (shift, factor): (i64, usize)) -> Self {
         let pair = &ready.prepared.pair;
         let size = pair.size();
@@ -55,17 +56,17 @@ impl Back {
         Self { size, shift, factor, cameras, runs: mask.map_or(vec![], runs) }
     }
 
-    /// By how much disparities grew, pixels.
+    /// The increase of disparities, pixels.
     pub fn shift(&self) -> i64 {
         self.shift
     }
 
-    /// By what the images were reduced.
+    /// The factor by which the images were reduced.
     pub fn factor(&self) -> usize {
         self.factor
     }
 
-    /// Rows and columns of the left image as it came.
+    /// Rows and columns of the original left image.
     pub fn size(&self) -> (usize, usize) {
         self.size
     }
@@ -81,7 +82,7 @@ impl Back {
         (rows.div_ceil(self.factor), cols.div_ceil(self.factor))
     }
 
-    /// The least whole disparity of the prepared pair that is not below one of the pair as it came.
+    /// The smallest whole disparity of the prepared pair that is not below one of the original pair.
     pub fn prepared(&self, disparity: i64) -> i64 {
         let factor = self.factor as i64;
         (disparity + self.shift + factor - 1).div_euclid(factor)
@@ -106,8 +107,8 @@ impl Back {
         })
     }
 
-    /// A map of the prepared pair, or a smaller or larger one in pixels of its own, as one of the left image
-    /// as it came; what is not finite is missing.
+    /// A map of the prepared pair, or a smaller or larger one in its own pixels, converted to the original
+    /// left image; non-finite values are missing.
     pub fn restored(&self, map: &Plane<f32>, control: &Control) -> Result<Plane<f32>> {
         let matched = self.matched(map, control)?;
         match &self.cameras {
@@ -116,7 +117,7 @@ impl Back {
         }
     }
 
-    /// The same as a map of the left image as it is matched: of the rectified one, if it was rectified.
+    /// [`Self::restored`] for the left image that is matched: the rectified one, if it was rectified.
     pub fn matched(&self, map: &Plane<f32>, control: &Control) -> Result<Plane<f32>> {
         let ratio = self.ratio(map.size())?;
         let valid = self.valid();
@@ -130,7 +131,7 @@ impl Back {
         })
     }
 
-    /// Moved columns for one of a map of this many rows and columns.
+    /// Moved columns per column of a map with this many rows and columns.
     fn ratio(&self, (rows, cols): (usize, usize)) -> Result<f64> {
         let (prepared, moved) = (self.prepared_size(), self.moved());
         if (rows, cols) == prepared {
@@ -156,13 +157,13 @@ impl Back {
         (!self.runs.is_empty()).then(|| self.runs.iter().enumerate().flat_map(of).collect())
     }
 
-    /// The text of it: a line that says what it is, then one of JSON.
+    /// Its text: a line that identifies it, then one of JSON.
     pub fn written(&self) -> Result<String> {
         let json = serde_json::to_string(self).map_err(|error| wrong(&error.to_string()))?;
         Ok(format!("{HEAD}\n{json}\n"))
     }
 
-    /// What a text says, which may come from anyone.
+    /// Reads a text, which may come from anyone.
     pub fn read(text: &str) -> Result<Self> {
         let (head, json) = text.split_once('\n').unwrap_or((text, ""));
         if head.trim_end() != HEAD {
@@ -205,7 +206,7 @@ fn wrong(got: &str) -> Error {
     Error::value("back", format!("'{got}'"), format!("a saved way back, which begins with '{HEAD}'"))
 }
 
-/// The value of a map at a pixel of the moved image, in pixels of that one, of which `ratio` are one of the
+/// The value of a map at a pixel of the moved image, in that image's pixels; `ratio` of them are one of the
 /// map.
 fn sampled(map: &Plane<f32>, ratio: f64, (y, x): (usize, usize)) -> f32 {
     let place = |at: usize, count: usize| ((at as f64 + 0.5) / ratio - 0.5).clamp(0.0, (count - 1) as f64);
@@ -252,7 +253,7 @@ mod tests {
                 let value = found.row(y)[x];
                 let is_gone = (x as i64) < -shift;
                 assert_eq!(value.is_nan(), is_gone, "{shift} {factor} {y} {x}");
-                // Beyond the outermost centers of a smaller map nothing is known of its slope.
+                // Beyond the outermost centers of a smaller map, its slope is unknown.
                 let inside = factor == 1 || (4..5).contains(&y) && (8..14).contains(&x);
                 assert!(is_gone || !inside || (value - truth(y, x)).abs() < 1e-4, "{value}");
             }

@@ -1,4 +1,4 @@
-//! Channels of both images through all that is done to a pair: by the kernels and the resamplers of a match.
+//! Applies all changes of a pair to the channels of both images, with the kernels and resamplers of a match.
 
 use crate::estimation::even_rows;
 use crate::estimation::overview::Seen;
@@ -20,17 +20,17 @@ use phasestereo_match::pair::blur_compensation::BlurCompensation;
 use phasestereo_match::pair::fitting::{fitted, white};
 use phasestereo_match::pair::{Pair, is_same_type};
 
-/// Places of the table of a curve, between which it is linear: one in 16 of a gray level.
+/// Entries in the table of a curve, which is linear between them: one per 16th of a gray level.
 const PLACES: usize = 4096;
 
-/// What is done to each channel.
+/// The changes to each channel.
 pub struct Channels<'a> {
     ready: Treatment<'a>,
     /// Whether the match takes the negative of the right image.
     pub is_inverted: bool,
-    /// By what each image is smoothed, in units of the pixels; 0: it is not.
+    /// The strength of smoothing of each image, in units of the pixels; 0: not smoothed.
     pub smoothing: [f64; 2],
-    /// The classes of blur of the pixels of each image; `None`: there is one.
+    /// The blur classes of the pixels of each image; `None`: there is one.
     classes: [Option<Plane<u8>>; 2],
     /// The curve of the right image's gray levels.
     pub tone: Option<&'a Tone>,
@@ -41,7 +41,7 @@ pub struct Tone {
     black: f64,
     range: f64,
     values: Vec<f64>,
-    /// The same in numbers.
+    /// The same, in numbers.
     pub curve: Contrast,
 }
 
@@ -68,7 +68,7 @@ impl Tone {
 }
 
 impl<'a> Channels<'a> {
-    /// What is done to the channels of a pair.
+    /// The changes to the channels of a pair.
     pub fn new(ready: Treatment<'a>, is_inverted: bool, runtime: Runtime) -> Result<Self> {
         let pair = &ready.prepared.pair;
         let photometry = ready.prepared.estimates.photometry;
@@ -90,7 +90,7 @@ impl<'a> Channels<'a> {
         Ok(Self { ready, is_inverted, smoothing, classes, tone: None })
     }
 
-    /// The left (0) or right (1) image, as others get it.
+    /// The left (0) or right (1) image for other matchers.
     pub fn image(&self, inputs: &[Input; 2], side: usize, back: &Back, runtime: Runtime) -> Result<Input> {
         let count = inputs[side].image.shape().2;
         let mut planes = vec![];
@@ -107,7 +107,7 @@ impl<'a> Channels<'a> {
         Ok(Input::from(inputs[0].image.of_channels(&planes)?))
     }
 
-    /// A channel of an image through all that was done to the pair, at its side of a pair.
+    /// A channel of an image after all changes, at its side of a pair.
     fn remade(&self, inputs: &[Input; 2], (side, channel): (usize, usize), runtime: Runtime) -> Result<Pair> {
         let Runtime { execution, control, .. } = runtime;
         let mut input = inputs[side].channel(channel);
@@ -116,7 +116,7 @@ impl<'a> Channels<'a> {
         }
         let mut view = view_of_input(input)?;
         if side == 1 && inputs[0].size() != view.size() {
-            // The size of the left one is all that counts.
+            // Only the size of the left one counts.
             view = fitted(&view_of_input(inputs[0].channel(0))?, view)?.0;
         }
 
@@ -137,7 +137,7 @@ impl<'a> Channels<'a> {
         Ok(pair)
     }
 
-    /// A channel of one image, smoothed and blurred as a match does, in units of the pixels.
+    /// A channel of one image, smoothed and blurred as in a match, in units of the pixels.
     fn finished(&self, view: &View, side: usize, runtime: Runtime) -> Result<Plane<f64>> {
         let Runtime { execution, control, .. } = runtime;
         let (level, zero) = (execution.level, view.scale().pixel(0.0));
@@ -205,14 +205,14 @@ fn right_classes(left: &Plane<u8>, seen: &Seen) -> Result<Plane<u8>> {
         let mut found: Vec<Option<u8>> = vec![None; cols];
         for (x, disparity) in seen.all.row(y).iter().enumerate() {
             let at = x as f32 - disparity / seen.factor as f32;
-            // What is farther to the right in the left image is nearer, and so hides the rest. NaN is in no
+            // A point farther to the right in the left image is nearer, and so hides others. NaN is in no
             // range.
             if (0.0..cols as f32).contains(&at) {
                 found[at as usize] = Some(classes[middle(x, left.cols())]);
             }
         }
 
-        // What nothing is seen of is like what is beside it.
+        // A pixel where nothing is seen takes the class of the one beside it.
         let mut last = found.iter().flatten().next().copied().unwrap_or(classes[0]);
         for (class, found) in coarse.row_mut(y).iter_mut().zip(found) {
             last = found.unwrap_or(last);

@@ -1,4 +1,4 @@
-//! What is done to a pair for other matchers, in sentences.
+//! The changes made to a pair for other matchers, in sentences.
 
 use super::channels::Channels;
 use crate::match_pair::Treatment;
@@ -8,11 +8,11 @@ use phasestereo_match::pair::blur_compensation::BlurCompensation;
 /// The right image alone.
 const RIGHT: [bool; 2] = [false, true];
 
-/// What is done: each sentence, and to which images.
+/// The changes: each sentence, and the images it applies to.
 pub struct WorkDone(Vec<([bool; 2], String)>);
 
 impl WorkDone {
-    /// What is done to a pair.
+    /// The changes to a pair.
     pub fn new(ready: Treatment, channels: &Channels, back: &Back, is_converted: bool) -> Self {
         let mut work = Self(vec![]);
         let estimates = &ready.prepared.estimates;
@@ -65,7 +65,7 @@ impl WorkDone {
         work
     }
 
-    /// Whether anything is done to the left (0) or the right (1) image.
+    /// Whether the left (0) or the right (1) image is changed.
     pub fn changes(&self, side: usize) -> bool {
         self.0.iter().any(|(sides, _)| sides[side])
     }
@@ -79,7 +79,7 @@ impl WorkDone {
         self.0.push((sides, sentence));
     }
 
-    /// A sentence about those images that it applies to, if there are any.
+    /// A sentence about the images that it applies to, if any.
     fn add_to(&mut self, sides: [bool; 2], sentence: &str) {
         let which = match sides {
             [false, false] => return,

@@ -1,5 +1,5 @@
-//! Pairs that are made here, of integers: a wall, a floor and a box in front of them, and what a rig may do
-//! to the images.
+//! Pairs generated here from integers: a wall, a floor and a box in front of them, and faults that a rig may
+//! have.
 
 use ndarray::Array3;
 
@@ -14,7 +14,7 @@ pub const NEAR: i32 = 11;
 /// Number of the box among the surfaces.
 const BOX: u32 = 3;
 
-/// What a rig does to its images.
+/// The faults of a rig.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Fault {
     /// Nothing.
@@ -29,7 +29,7 @@ pub enum Fault {
     Noise,
     /// Some pixels of the right sensor are broken.
     Impulses,
-    /// The right image is in blocks, as of compression.
+    /// The right image is in blocks, like after compression.
     Blocks,
     /// The right image has rows that are too bright or too dark, in a random order.
     Stripes,
@@ -73,7 +73,7 @@ pub enum Fault {
 
 type GrayLevels = Plane<i32>;
 
-/// The scene in this many rows and columns, as a rig with a fault takes it. Another `moment` has other noise.
+/// The scene in this many rows and columns, taken by a rig with a fault. Another `moment` has other noise.
 pub fn pair(fault: Fault, size: (usize, usize), moment: u32) -> [Input; 2] {
     let (rows, cols) = (size.0 as i32, size.1 as i32);
     let [left, right] = [0, 1].map(|side| gray(size, |y, x| shown((y, x), side, size, fault)));
@@ -179,7 +179,7 @@ pub fn claims(fault: Fault, (rows, cols): (usize, usize)) -> Plane<f32> {
     })
 }
 
-/// Which surface is seen at a place of the left (0) or right (1) image, and its disparity.
+/// The surface seen at a place of the left (0) or right (1) image, and its disparity.
 fn surface((y, x): (i32, i32), camera: i32, (rows, cols): (usize, usize), fault: Fault) -> (u32, i32) {
     let (rows, cols) = (rows as i32, cols as i32);
     let is_of_pole = fault == Fault::Pole
@@ -201,7 +201,7 @@ fn surface((y, x): (i32, i32), camera: i32, (rows, cols): (usize, usize), fault:
     }
 }
 
-/// What is seen at a place.
+/// The gray value at a place.
 fn shown(place: (i32, i32), camera: i32, size: (usize, usize), fault: Fault) -> i32 {
     let (seed, disparity) = surface(place, camera, size, fault);
     let (y, x) = (place.0, place.1 + camera * disparity);
@@ -212,7 +212,7 @@ fn shown(place: (i32, i32), camera: i32, size: (usize, usize), fault: Fault) -> 
     }
 }
 
-/// Gray values: noise between whose values it is linear, coarse and fine.
+/// Gray values: coarse and fine noise, interpolated linearly.
 fn texture(y: i32, x: i32, seed: u32) -> i32 {
     let grid = |step: i32, seed: u32| {
         let (below, beside) = (y % step, x % step);
