@@ -1,7 +1,7 @@
-//! Time of each stage alone, on one thread, in (pixel x candidate) or pixels a second.
+//! Time of each stage alone, on one thread, in (pixel x candidate) or pixels per second.
 //!
-//! One group per stage, named as the files of `rust/match/src`; `cargo bench -- optimization` runs one of
-//! them. The times of the stages compare to the limits of the machine: `cargo bench -- machine`.
+//! One group per stage, named after the files of `rust/match/src`; `cargo bench -- optimization` runs one of
+//! them. Compare the times of the stages with the limits of the machine: `cargo bench -- machine`.
 
 use divan::Bencher;
 use divan::counter::ItemsCount;
@@ -31,7 +31,7 @@ fn main() {
     divan::main();
 }
 
-/// Values without any structure: the time of no stage depends on the content of the images.
+/// Values without any structure: no stage's time depends on the content of the images.
 fn noise<T>(rows: usize, cols: usize, mut value: impl FnMut(u32) -> T) -> Plane<T> {
     let mut state = 1u32;
     Plane::from_fn(rows, cols, |_, _| {
@@ -110,7 +110,7 @@ fn every() -> impl Iterator<Item = At> {
     levels().map(At)
 }
 
-/// A map to refine, and what its refinement reads.
+/// A map to refine, and the inputs of its refinement.
 #[derive(Clone)]
 struct SampleMap {
     disparity: Plane<f32>,
@@ -230,7 +230,7 @@ mod descriptor {
     }
 }
 
-/// An image of 741 x 497 gray bytes under the kernels of the usual blurs.
+/// An image of 741 x 497 gray bytes under the kernels of common blurs.
 mod convolution {
     use super::{Bencher, Control, Image, ItemsCount, gray, noise, on_threads};
     use ndarray::Array3;
@@ -244,10 +244,10 @@ mod convolution {
     const COLS: usize = 741;
     /// Bits of the kernel after the binary point.
     const FRACTION: u32 = 4;
-    /// Samples of a pixel in each direction.
+    /// Samples per pixel in each direction.
     const SAMPLES: usize = 8;
 
-    /// The kernel whose taps are the shares of each pixel that lie `inside`, by offsets from the center.
+    /// The kernel whose taps are the shares of each pixel that lie `inside`, by offset from the center.
     fn shares(radius: usize, inside: impl Fn(f64, f64) -> bool) -> Kernel {
         let side = 2 * radius + 1;
         let offset = |pixel: usize, sample: usize| {
@@ -389,7 +389,7 @@ mod cost {
     }
 }
 
-/// Sums over windows and the aggregated costs, panel by panel: of the codes of `fast`, `robust` and `paper`.
+/// Sums over windows and the aggregated costs, panel by panel: for the codes of `fast`, `robust` and `paper`.
 mod aggregation {
     use super::{Bencher, COLS, Case, Preset, ROWS, Settings, cases, fast, robust, with_costs};
     use phasestereo_match::base::value::{LANES, Value};
@@ -445,7 +445,7 @@ mod optimization {
     };
     use phasestereo_match::pair::candidates::Searched;
 
-    /// Rows that the paths of a band see.
+    /// Rows that the paths of a band cross.
     const ROWS: usize = BAND + 2 * LOOKAHEAD_ROWS;
 
     /// Costs that are only copied.
@@ -473,7 +473,7 @@ mod optimization {
         let places = runs * panel.places().max(rows.places());
         let costs = noise(places, LANES, |value| T::truncated(u64::from(value % 200)));
         let mut costs: Vec<Lanes<T>> = costs.as_slice().as_chunks().0.to_vec();
-        // Beyond the last candidate costs are never the least.
+        // Beyond the last candidate, costs are never the smallest.
         let used = candidates.min(LANES);
         for lanes in &mut costs {
             lanes[used..].fill(T::FAR);
@@ -613,7 +613,7 @@ mod synthesis {
     use phasestereo_match::pair::blur_compensation::BlurCompensation;
     use phasestereo_match::refinement::synthesis::BlurredPair;
 
-    /// Synthesizes the soft image (0: left, 1: right) of a map of patches.
+    /// Synthesizes the soft image (0: left, 1: right) from a map of patches.
     fn redraw(bencher: Bencher, At(level): &At, side: usize) {
         let (views, control) = (views(), Control::default());
 
@@ -696,7 +696,7 @@ mod confidence {
     }
 }
 
-/// Whole matches, from images to disparities, by a matcher whose memory is allocated already.
+/// Whole matches, from images to disparities, by a matcher whose memory is already allocated.
 mod matcher {
     use super::{
         Bencher, Case, Control, Matcher, Plane, Preset, Settings, cases, fast, noise, robust, views,
@@ -775,7 +775,7 @@ mod temporal {
     use phasestereo_match::matcher::{Disparity, Execution, Timings};
     use phasestereo_match::pair::Pair;
 
-    /// A frame that is as the one before, so that all of its disparities become means.
+    /// A frame equal to the previous one, so that all of its disparities become means.
     #[divan::bench(args = every())]
     fn still(bencher: Bencher, At(level): &At) {
         let [left, right] = views();
@@ -800,7 +800,7 @@ mod temporal {
 }
 
 /// Limits of the machine, in the same units: a stage that takes `n` of these steps for an evaluation is
-/// hardly faster than an `n`th of this. (The first byte of a code is, since there is no sum to add it to.)
+/// hardly faster than an `n`th of this. (The first byte of a code is, since it is not added to a sum.)
 mod machine {
     use super::{At, Bencher, every, noise};
     use divan::counter::{BytesCount, ItemsCount};

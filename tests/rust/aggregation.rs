@@ -43,7 +43,7 @@ fn any_costs(window: Window) -> Plane<u16> {
     })
 }
 
-/// Windows over images of any size, as large as the reference implementation has time for.
+/// Windows over images of any size, up to what the reference implementation has time for.
 fn windows() -> impl Strategy<Value = Window> {
     let candidates = prop::sample::select(COUNTS[..9].to_vec());
     let ceiling = prop::sample::select(vec![1u16, 14, 64, 36_720, u16::MAX]);
@@ -88,7 +88,7 @@ proptest! {
             CostKind::NormalizedSad | CostKind::Zncc => 256.0,
         };
 
-        // Two thirds of a byte; one bit more is dropped if P2 fits then alone, and 80 steps are left.
+        // Two thirds of a byte; one more bit is dropped if P2 fits only then, and at least 80 steps are left.
         let least = (0..64).find(|dropped| sum(*dropped) <= 170).expect("bits");
         let fits = |dropped: u32| {
             let p2 = settings.p2 * (side * side) as f64 * unit / f64::from(1 << dropped);
@@ -278,7 +278,7 @@ proptest! {
     }
 }
 
-/// As many candidates as fill lines of the cache, with and without masks and shifted windows.
+/// Numbers of candidates that fill cache lines, with and without masks and shifted windows.
 #[test]
 fn lines_of_candidates_and_what_is_left_of_them() {
     for (count, shiftable) in [(64, false), (65, true), (96, true), (97, false), (140, false)] {
@@ -294,7 +294,8 @@ fn lines_of_candidates_and_what_is_left_of_them() {
     }
 }
 
-/// Borders, of which some lines of candidates see nothing else: upright, slanted, and of all of a block's rows.
+/// Borders that are all that some lines of candidates see: upright, slanted, and across all of a block's
+/// rows.
 #[test]
 fn borders_of_every_shape_under_lines_of_candidates() {
     for (count, shiftable, slope) in [(140, false, 0), (140, true, 1), (70, false, 2), (65, true, 3)] {
@@ -311,7 +312,7 @@ fn borders_of_every_shape_under_lines_of_candidates() {
     }
 }
 
-/// The mean of few valid pixels may exceed the largest sum of a window, as bits are dropped from that.
+/// The mean of a few valid pixels may exceed the largest sum of a window, since bits are dropped from that.
 #[test]
 fn few_valid_pixels_do_not_overflow_a_byte() {
     MaskedCosts {

@@ -1,4 +1,5 @@
-//! Areas outside the run of disparities: as a naive search finds them, and where things were put.
+//! Areas outside the run of disparities: compared with a naive search, and with the places where objects were
+//! put.
 
 use crate::common::{hash, levels};
 use crate::reference;
@@ -26,15 +27,15 @@ fn noise(salt: u64, y: usize, x: usize) -> f32 {
     (hash(salt, y, x) % 256) as f32 / 2.0
 }
 
-/// Something before a background: top, rows, first column of the left image, columns, disparity.
+/// An object in front of a background: top, rows, first column of the left image, columns, disparity.
 type Thing = (usize, usize, usize, usize, isize);
 
-/// Copies of a background with things before it.
+/// Copies of a background with objects in front of it.
 fn copies(things: &[Thing]) -> Overview {
     copies_of(SIZE, FAR, things)
 }
 
-/// The same of a size, with a background at a disparity.
+/// The same, with a given size and background disparity.
 fn copies_of(size: (usize, usize), far: isize, things: &[Thing]) -> Overview {
     let background = |y: usize, x: isize| noise(1, y, (x + 500) as usize);
     let seen = |y: usize, x: usize, is_right: bool| {
@@ -57,7 +58,7 @@ fn copies_of(size: (usize, usize), far: isize, things: &[Thing]) -> Overview {
     Overview { factor: 1, planes: [plane(false), plane(true)], valid }
 }
 
-/// A rough match of copies of the same size that has found the background, with errors and gaps.
+/// A rough match of copies of the same size that found the background, with errors and gaps.
 fn guessed() -> Plane<f32> {
     Plane::from_fn(SIZE.0, SIZE.1, |y, x| match hash(99, y, x) % 16 {
         0 => f32::NAN,
@@ -67,7 +68,7 @@ fn guessed() -> Plane<f32> {
     })
 }
 
-/// One of copies of half the size.
+/// The rough match of copies of half the size.
 fn guessed_on_smaller() -> Plane<f32> {
     let (rows, cols) = (SIZE.0 / 2, SIZE.1 / 2);
     Plane::from_fn(rows, cols, |y, x| if hash(98, y, x).is_multiple_of(9) { f32::NAN } else { 2.0 })
@@ -85,7 +86,7 @@ fn run(threads: usize, level: Level, search: impl FnOnce(Runtime) -> Result<Vec<
     matcher.install(|| search(runtime)).expect("it runs")
 }
 
-/// The sums of a pixel over its window by disparity; `None` where the match lies outside the image.
+/// The sums of a pixel over its window by disparity; `None` if the match lies outside the image.
 struct Sums {
     costs: Plane<u16>,
     cols: usize,
@@ -95,7 +96,7 @@ struct Sums {
     around: (isize, isize),
 }
 
-/// Windows of copies, of those that finer ones are searched by, and of the finer ones.
+/// Windows of copies, of those by which finer ones are searched, and of the finer ones.
 const TALL: (isize, isize) = (4, 1);
 const FLAT: (isize, isize) = (1, 2);
 const SQUARE: (isize, isize) = (2, 2);
@@ -139,13 +140,13 @@ impl Sums {
         self.sees(x, disparity).then(sum)
     }
 
-    /// The sum where every pixel of the window has a disparity of its own; matches outside the image are on
-    /// its border.
+    /// The sum with a separate disparity for every pixel of the window; matches outside the image are on its
+    /// border.
     fn along(&self, y: usize, x: usize, disparity: impl Fn(usize, usize) -> isize) -> u64 {
         self.window(y, x).map(|(y, x)| self.cost(y, x, disparity(y, x))).sum()
     }
 
-    /// The least sum over some disparities, and the first that has it.
+    /// The smallest sum over some disparities, and the first that has it.
     fn least(&self, y: usize, x: usize, is_one: impl Fn(isize) -> bool) -> (u64, isize) {
         (self.low..self.low + self.count as isize)
             .filter(|disparity| is_one(*disparity))
@@ -158,7 +159,7 @@ impl Sums {
 /// A place, its disparity and its gain.
 type Member = ((usize, usize), (isize, u64));
 
-/// A run of disparities, and those that are tried.
+/// A run of disparities, and those to try.
 #[derive(Clone, Copy)]
 struct Tried {
     run: (isize, isize),
@@ -177,7 +178,7 @@ fn block((y, x): (usize, usize)) -> (usize, usize) {
     (y / 8, x / 8)
 }
 
-/// The pixels that cost much along the run, by the definition.
+/// The pixels that cost much along the run, by definition.
 fn doubtful(
     copies: &Overview,
     guess: Guess,
@@ -238,7 +239,7 @@ fn doubtful(
     pixels.into_iter().filter(is_one).collect()
 }
 
-/// The median of the least sums of unlike rows along the run, in blocks all over the image.
+/// The median of the smallest sums of unrelated rows along the run, in blocks all over the image.
 fn chance(planes: [&Plane<f32>; 2], run: (isize, isize), around: (isize, isize)) -> u64 {
     let along = Sums::new(planes, run, around);
     let (rows, cols) = (planes[0].rows(), planes[0].cols());
@@ -249,7 +250,7 @@ fn chance(planes: [&Plane<f32>; 2], run: (isize, isize), around: (isize, isize))
     median(sampled.map(|(y, x)| along.least(y, x, |_| true).0).filter(|sum| *sum > 0).collect())
 }
 
-/// The members of what is connected over two rows and columns by disparities that differ by one at most.
+/// The members connected over up to two rows and columns by disparities that differ by at most one.
 fn connected(found: &[Member]) -> Vec<Vec<Member>> {
     let mut open: BTreeMap<(usize, usize), (isize, u64)> = found.iter().copied().collect();
     let mut groups = vec![];
@@ -272,7 +273,7 @@ fn connected(found: &[Member]) -> Vec<Vec<Member>> {
     groups
 }
 
-/// What stands out: the disparity outside the run with the least sum, and its gain.
+/// What stands out: the disparity outside the run with the smallest sum, and its gain.
 fn standing_out(
     least: impl Fn(&dyn Fn(isize) -> bool) -> (u64, isize),
     run: (isize, isize),
@@ -283,7 +284,7 @@ fn standing_out(
     (8 * own < 7 * others).then(|| (disparity, others - own))
 }
 
-/// The areas of these pixels by the definition.
+/// The areas of these pixels by definition.
 fn areas_of(
     planes: [&Plane<f32>; 2],
     tried: Tried,
@@ -326,14 +327,14 @@ fn areas_of(
     connected(&found).into_iter().filter(|members| members.len() >= 12).map(area).collect()
 }
 
-/// The areas of copies by the definition.
+/// The areas of copies by definition.
 fn naive(copies: &Overview, guess: Guess) -> Vec<Area> {
     let doubtful = doubtful(copies, guess, TRIED, TALL);
     let count = |at| doubtful.iter().filter(|other| block(**other) == block(at)).count();
     areas_of(copies.planes.each_ref(), TRIED, TALL, |at| count(at) >= 10)
 }
 
-/// The areas of finer copies by the definition.
+/// The areas of finer copies by definition.
 fn naive_fine([finer, copies]: [&Overview; 2], guess: Guess, tried: Tried) -> Vec<Area> {
     let by = copies.factor / finer.factor;
     let scaled = |(low, high): (isize, isize)| (low.div_euclid(by as isize), high.div_euclid(by as isize));
@@ -359,7 +360,7 @@ fn naive_fine([finer, copies]: [&Overview; 2], guess: Guess, tried: Tried) -> Ve
                 .min_by_key(|(sum, _)| *sum)
                 .unwrap_or((255, isize::MIN))
         };
-        // A voter of the copies stands for a square here, also beyond the last row or column.
+        // A voter of the copies represents a square here, also beyond the last row or column.
         let count = doubtful.iter().filter(|(y, x)| (y * by / 8, x * by / 8) == at).count();
         (count * by * by >= 10).then(|| standing_out(least, tried.run)).flatten().map(|one| (at, one))
     };
@@ -399,7 +400,8 @@ fn areas_are_those_of_the_definition() {
     }
 }
 
-/// Things a few pixels high or wide before a background, as finer copies show them, and these reduced.
+/// Objects a few pixels high or wide in front of a background, as finer copies show them, and these copies
+/// reduced.
 fn fine_copies() -> [Overview; 2] {
     let things = [(30, 5, 110, 60, 61), (60, 60, 140, 5, 70), (90, 9, 60, 9, 48)];
     let finer = copies_of((122, 234), 4, &things);

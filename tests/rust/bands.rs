@@ -1,5 +1,4 @@
-//! Pairs matched in parts, with no more rows around them than their halo, give the bits of a match of the
-//! whole.
+//! Pairs matched in parts, with only their halo of rows around them, give the bits of a match of the whole.
 
 use std::ops::Range;
 
@@ -36,12 +35,12 @@ use proptest::sample::{Index, select};
 /// Limit on the work of a match: pixels x candidates x sides of window and neighborhood.
 const AFFORDABLE: usize = 1 << 22;
 
-/// The halo of a pair that needs no straightening.
+/// The halo of a pair that does not need straightening.
 fn halo(settings: &Settings, compensation: Option<&BlurCompensation>) -> Halo {
     Halo::new(Plan { settings, compensation, alignment: None })
 }
 
-/// A pair to be matched in parts, and what a part has to know of the whole.
+/// A pair to match in parts, and the data of the whole that a part needs.
 #[derive(Debug)]
 struct PartsJob {
     stored: Stored,
@@ -63,7 +62,7 @@ impl PartsJob {
         job
     }
 
-    /// The sums over the sampled rows, matched with no more rows around them than their halo.
+    /// The sums over the sampled rows, matched with only their halo of rows around them.
     fn sums(&self) -> Tally {
         let matcher = Matcher::new(1).expect("a thread");
         let execution = Execution { threads: 1, level: Level::best() };
@@ -91,7 +90,7 @@ impl PartsJob {
         ResultBits::new(found.expect("a legal match"))
     }
 
-    /// The rows to read for some rows: more where a halo has rows without a valid pixel.
+    /// The rows to read for some rows: more if a halo has rows without a valid pixel.
     fn around(&self, rows: &Range<usize>) -> Range<usize> {
         let halo = self.halo();
         let height = self.stored.pair.size().0;
@@ -105,7 +104,7 @@ impl PartsJob {
         read
     }
 
-    /// Matches some rows, with no more of the images than was read.
+    /// Matches some rows, using only the images that were read.
     fn part(
         &self,
         rows: &Range<usize>,
@@ -129,7 +128,7 @@ impl PartsJob {
         (self.stored.part(read), section)
     }
 
-    /// The whole match, the rows between each two cuts by themselves.
+    /// The whole match, with the rows between successive cuts matched separately.
     fn by_parts(&self, cuts: &[usize], on: (&Matcher, Execution)) -> ResultBits {
         let rows = cuts.windows(2).map(|ends| ends[0]..ends[1]);
         joined(rows.map(|rows| self.part(&rows, &self.around(&rows), on)))
@@ -178,7 +177,8 @@ fn masked(rows: usize, cols: usize, seed: u64) -> Mask {
     })
 }
 
-/// Pairs of several bands: of few gray values, so that ties abound, or of many; or small ones of any type.
+/// Pairs of several bands: with few gray values, so that ties abound, or with many; or small ones of any
+/// type.
 fn pairs() -> impl Strategy<Value = Stored> {
     let small = (1usize..=20, 1usize..=12, 0u8..4)
         .prop_flat_map(|(rows, cols, kind)| [inputs(rows, cols, kind), inputs(rows, cols, kind)]);
@@ -197,7 +197,7 @@ fn pairs() -> impl Strategy<Value = Stored> {
 
                 let noise = seed & 32 == 0;
                 let pixel = |y, x: usize| {
-                    // A scene that the right image shows further left, or noise with no match at all.
+                    // A scene that the right image shows further left, or noise without any match.
                     let scene = hash(seed, y / 2, usize::midpoint(x, shift)) % (white + 1);
                     let lot = hash(own, y, x) % (white + 1);
 
@@ -242,7 +242,7 @@ fn unrefined(settings: Settings) -> Settings {
     }
 }
 
-/// Settings of any kind, and about the default ones.
+/// Settings of any kind, and near the default ones.
 fn any_settings() -> impl Strategy<Value = Settings> {
     let of_few = |optimizer| Settings { optimizer, speckle_size: 10, ..robust() };
 
@@ -309,7 +309,7 @@ fn shifted(rows: usize, cols: usize) -> [Input; 2] {
     [0, 2].map(|shift| input(rows, cols, |y, x| hash(9, y, x + shift) as u8))
 }
 
-/// A pair with these columns, with some invalid pixels in the rows that `is_masked` names.
+/// A pair with these columns, with some invalid pixels in the rows that `is_masked` selects.
 fn pair(rows: usize, cols: usize, is_masked: impl Fn(usize) -> bool) -> Stored {
     let mask = Mask::from_fn(rows, cols, |y, x| !(is_masked(y) && hash(3, y, x).is_multiple_of(4)));
     let mask = Some(mask).filter(|mask| mask.as_slice().contains(&false));
@@ -360,7 +360,7 @@ fn two_versions() -> BlurCompensation {
     BlurCompensation::new([1.0; 2], kernels, labels, 40).expect("legal compensation")
 }
 
-/// The same, of images with impulses that are smoothed as well.
+/// The same, for images with impulses that are also smoothed.
 fn cleaned_versions() -> BlurCompensation {
     let compensation = two_versions().with_impulses([5.0, 0.5]).expect("legal heights");
     compensation.with_smoothing([90.0, 70.0]).expect("legal deviations")
@@ -382,13 +382,13 @@ fn tall_pairs_in_parts_are_the_whole() {
     }
 }
 
-/// Windows and neighborhoods of several sizes with every optimizer, without refinement and with what depends
-/// on more rows.
+/// Windows and neighborhoods of several sizes with every optimizer, without refinement and with stages that
+/// depend on more rows.
 fn settings_of_many_halos() -> Vec<(Settings, Option<BlurCompensation>)> {
     let alone = Optimizer::WinnerTakesAll;
     let phase = Settings { optimizer: alone, neighborhood: 3, window: 3, ..nothing() };
     let phase = Settings { frequencies: (1, 1), ..phase };
-    // With dear changes a path remembers the costs of rows far away.
+    // If changes are expensive, a path remembers the costs of rows far away.
     let several = Settings { optimizer: Optimizer::SemiGlobal, p1: 1e4, p2: 1e4, ..phase };
     let ordered = Settings { optimizer: Optimizer::DynamicProgramming, ..phase };
 
@@ -457,7 +457,7 @@ fn nothing() -> Settings {
     unrefined(Preset::Paper.settings())
 }
 
-/// Every stage of refinement by itself, and some together.
+/// Every stage of refinement alone, and some together.
 fn settings_of_refinement() -> Vec<Settings> {
     let nothing = nothing();
     vec![
@@ -481,7 +481,7 @@ fn lost(seed: u64) -> Range<usize> {
     first..first + (hash(seed, 2, 2) % 80) as usize
 }
 
-/// A map to be refined, and the inputs of every stage.
+/// A map to refine, and the inputs of every stage.
 #[derive(Clone)]
 struct DraftMap {
     disparity: Plane<f32>,
@@ -534,7 +534,7 @@ impl DraftMap {
         })
     }
 
-    /// Whether the map, refined in two parts with this halo, is the map refined as a whole.
+    /// Whether the map, refined in two parts with this halo, equals the map refined as a whole.
     fn is_whole(&self, cut: usize, halo: usize, settings: &Settings) -> bool {
         let parts = [0..cut, cut..150].map(|rows| self.refined(&rows, halo, settings));
         joined(parts.into_iter()) == self.refined(&(0..150), 0, settings)
@@ -555,8 +555,8 @@ fn each_stage_adds_its_reach() {
         assert_eq!(halo(&settings, None).map, rows, "{settings:?}");
     }
 
-    // Of the image: half a neighborhood, half a window twice if it may shift, and for vertical paths a band
-    // with what it sees.
+    // For the image: half a neighborhood, half a window, twice if it may shift, and for vertical paths a band
+    // with its look-ahead.
     for (optimizer, rows) in [(Optimizer::WinnerTakesAll, 0), (Optimizer::SemiGlobal, 63 + 16)] {
         let settings = Settings { neighborhood: 9, window: 7, optimizer, ..nothing() };
         let [fixed, shiftable] =
@@ -577,7 +577,7 @@ fn refinement_needs_its_halo_and_no_more() {
         for seed in 0..400 {
             let percent = [0, 3, 20, 60, 97][seed as usize % 5];
 
-            // Anywhere, or as far from trusted rows as filling looks.
+            // Anywhere, or at the distance from trusted rows that filling reaches.
             let any = 1 + (hash(seed, 0, 0) % 149) as usize;
             let far = (lost(seed).end + 1).saturating_sub(32).clamp(1, 149);
             let map = DraftMap::random(seed, percent);
@@ -617,7 +617,7 @@ fn edges_need_their_halo_and_no_more() {
     }
 }
 
-/// A column of pixels that stands out: whether it is a speckle depends on its end that many rows away.
+/// A column of pixels that stands out: whether it is a speckle depends on its far end.
 #[test]
 fn speckles_need_their_halo_and_no_more() {
     let settings = Settings { speckle_size: 20, fill: false, ..nothing() };

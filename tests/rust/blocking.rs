@@ -1,4 +1,4 @@
-//! The grid of blocks, against the means of every phase.
+//! The grid of blocks, compared with the means of every phase.
 
 use crate::common::{at_every_level, hash, random};
 use crate::reference;

@@ -1,5 +1,5 @@
-//! The estimation of relative blur: of pairs whose blur is known, of any type and size, the same to the bit
-//! however the work is cut up, and of images that tell nothing.
+//! The estimation of relative blur: on pairs with known blur, of any type and size, bit-identical however the
+//! work is cut up, and on images that contain no evidence.
 
 use crate::common::estimates::estimate;
 use crate::common::{hash, levels};
@@ -398,7 +398,7 @@ fn disparities_beyond_all_blocks_have_no_estimate() {
     assert!(is_unknown(&estimated(&pair), SIZE));
 }
 
-/// Whether a glance at a pair finds its blur as it was before.
+/// Whether a quick comparison finds the blur of a pair unchanged.
 fn looks_as(before: &BlurSignature, shots: &[Plane<f32>; 2], level: Level) -> bool {
     let pair = pair(shots, bytes);
     let (matcher, control) = (Matcher::new(1).expect("a thread"), Control::default());

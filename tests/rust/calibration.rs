@@ -1,4 +1,4 @@
-//! Calibrated cameras are rectified as by OpenCV 5.0: `stereoRectify` and `initUndistortRectifyMap` gave
+//! Calibrated cameras are rectified as in OpenCV 5.0: `stereoRectify` and `initUndistortRectifyMap` gave
 //! these numbers.
 
 use phasestereo::internals::rectification::calibration::Calibration;
@@ -16,7 +16,7 @@ const DISTORTION: [[f64; 12]; 2] = [
     [-0.21, 0.11, 0.0021, -0.0013, -0.034, 0.013, -0.021, 0.017, 0.0031, -0.0017, 0.0023, 0.0011],
     [0.13, -0.09, -0.0017, 0.0023, 0.028, 0.019, 0.015, -0.011, -0.0021, 0.0013, -0.0027, 0.0019],
 ];
-/// By 3.7 degrees, as digits of a file have it.
+/// By 3.7 degrees, with the digits of a file.
 const ROTATION: [[f64; 3]; 3] = [
     [0.998_384_06, -0.023_789_64, -0.051_607_28],
     [0.022_178_21, 0.999_255_26, -0.031_576_13],

@@ -1,4 +1,5 @@
-//! Confidences: rows of all pixels at once against each pixel by itself, and what they are to mean.
+//! Confidences: rows of all pixels at once compared with each pixel by itself, and the meaning of
+//! confidences.
 
 #![allow(clippy::float_cmp, reason = "what is compared for equality is exact by its definition")]
 
@@ -163,7 +164,8 @@ fn a_firm_pixel_that_stands_alone_is_not_trusted_and_a_weak_one_among_firm_ones_
 #[test]
 fn the_surface_of_the_same_gray_value_counts_most() {
     let mut planes = Planes::flat((20, 20), 0.6);
-    // An edge in depth right of the edge in the image: the pixels between them belong to fattened foreground.
+    // A depth edge to the right of the edge in the image: the pixels between them belong to fattened
+    // foreground.
     planes.texture = Texture::new(Plane::from_fn(20, 20, |_, x| if x < 10 { 20 } else { 200 }));
 
     planes.disparity = Plane::from_fn(20, 20, |_, x| if x < 12 { 9.0 } else { 3.0 });
@@ -196,7 +198,7 @@ fn a_cancelled_search_stops() {
     assert_eq!(stopped, Err(Error::Cancelled));
 }
 
-/// A raw map of some size, confidences and flags at random.
+/// A raw map of some size, with random confidences and flags.
 fn raw_map(seed: u64, (rows, cols): (usize, usize)) -> (Plane<f32>, Plane<u16>, Plane<f32>) {
     let disparity = Plane::from_fn(rows, cols, |y, x| match hash(seed, y, x) % 50 {
         0 => f32::NAN,
@@ -231,7 +233,7 @@ proptest! {
             let known = BlurCompensation::of_noise([left, right]).expect("legal");
             known.with_smoothing([right / 3.0, 0.0]).expect("legal")
         });
-        // Weights of any kind: those that were learned may hide what they do not look at.
+        // Weights of any kind: learned ones may hide inputs that they ignore.
         let part = |place: usize| (hash(seed ^ 0x63, place, 0) % 2001) as f64 / 1000.0 - 1.0;
         let weights = Weights {
             odds: std::array::from_fn(|i| std::array::from_fn(|j| scale * part(4 * i + j))),

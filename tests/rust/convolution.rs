@@ -1,4 +1,4 @@
-//! Convolution: blocks of columns, rows on threads and every level, against each sum by itself.
+//! Convolution: blocks of columns, rows on threads and every level, compared with each sum by itself.
 
 use crate::common::{hash, levels, noise, random, view};
 use crate::reference;
@@ -19,7 +19,7 @@ const NARROW: u32 = (1 << (31 - SHIFT)) - 1;
 /// Magnitudes of bytes, on either side of that limit, and the largest that leaves 3 bits.
 const REACHES: [u32; 4] = [128, NARROW, NARROW + 1, 1 << 25];
 
-/// The plane under a kernel which must be the same at every level of this machine.
+/// The plane under a kernel, which must be the same at every level of this machine.
 fn convolved(plane: &Plane<i32>, kernel: &Kernel, fraction: u32, reach: u32) -> Plane<i32> {
     let gray = Gray::within(reach, plane.clone());
     let mut found = levels().into_iter().map(|level| {
@@ -32,7 +32,7 @@ fn convolved(plane: &Plane<i32>, kernel: &Kernel, fraction: u32, reach: u32) -> 
     first
 }
 
-/// Noise, both extremes among it.
+/// Noise, including both extremes.
 fn extremes(rows: usize, cols: usize, reach: u32) -> Plane<i32> {
     let reach = i64::from(reach);
 
@@ -198,7 +198,7 @@ fn pixels_of_an_image_are_centered_first() {
 fn outer_products_are_recognized_and_nothing_else() {
     let gaussian = |y: usize, x: usize| {
         let squares = (y as f64 - 12.0).powi(2) + (x as f64 - 12.0).powi(2);
-        // In single precision, as files and Python give it.
+        // In single precision, as in files and Python.
         f64::from(math::exp(-squares / 18.0) as f32)
     };
 
@@ -232,7 +232,7 @@ fn weights_are_within_a_step_of_the_taps_and_sum_to_a_power_of_two() {
 
     assert!(weights.as_slice().iter().all(|&w| w == 0 || (f64::from(w) - exact).abs() < 1.0));
 
-    // Opposite weights are equal but for one pair: the disk has not been shifted.
+    // Opposite weights are equal except for one pair: the disk has not been shifted.
 
     let opposite = weights.as_slice().iter().rev();
     let differing = weights.as_slice().iter().zip(opposite).filter(|(a, b)| a != b).count();

@@ -1,4 +1,4 @@
-//! Costs: lanes of bytes and words against single bits, levels and pixels.
+//! Costs: lanes of bytes and words compared with single bits, levels and pixels.
 
 use crate::common::{COUNTS, descriptors, gray_of, grays, hash, levels, mask, naive, random, view, views};
 use crate::reference;
@@ -39,7 +39,7 @@ fn level(code: u64, length: usize) -> usize {
     if code & 1 == 1 || ones == 0 { ones } else { 2 * length - ones }
 }
 
-/// Similarity of two descriptors by its definition (paper, eq. 4 to 6).
+/// Similarity of two descriptors by definition (paper, eq. 4 to 6).
 fn circular_distance(a: u64, b: u64, settings: &Settings) -> usize {
     let half = 1 << (settings.bits - 1);
 
@@ -53,7 +53,7 @@ fn circular_distance(a: u64, b: u64, settings: &Settings) -> usize {
     (0..settings.components()).map(around).sum()
 }
 
-/// A pair of unlike views, with masks or without.
+/// A pair of different views, with or without masks.
 fn unlike(rows: usize, cols: usize, is_masked: bool) -> [View; 2] {
     [1, 2].map(|seed| {
         let view = view(rows, cols, |y, x| hash(seed, y, x) as u8);

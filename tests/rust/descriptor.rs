@@ -1,4 +1,4 @@
-//! Codes: the separable, banded, threaded computation at every level, against the double sum of the
+//! Codes: the separable, banded, threaded computation at every level, compared with the double sum of the
 //! definition.
 
 use crate::common::naive::weak_threshold;
@@ -17,10 +17,10 @@ use phasestereo_match::settings::presets::Preset;
 use phasestereo_match::settings::{Settings, Taper};
 use proptest::prelude::*;
 
-/// The largest magnitude that a plane may announce.
+/// The largest magnitude that a plane may declare.
 const REACH: u32 = 1 << 25;
 
-/// Codes of a plane which must be the same in either arithmetic and at every level of this machine.
+/// Codes of a plane, which must be the same in either arithmetic and at every level of this machine.
 fn codes(plane: &Plane<i32>, settings: &Settings) -> Codes {
     noisy_codes(plane, settings, 0.0)
 }
@@ -71,7 +71,7 @@ fn rough_codes_equal_their_definition() {
 
 #[test]
 fn rows_of_any_length_equal_their_definition() {
-    // Beside awkward lengths: more columns than are computed together.
+    // Besides awkward lengths: more columns than are computed together.
     for cols in [1, 2, 15, 16, 17, 1023, 1024, 1025, 1041] {
         let gray = noise(2, cols);
 
@@ -106,7 +106,7 @@ fn the_strongest_component_there_can_be_does_not_overflow() {
     assert_eq!(codes(&gray, &settings).widened(), reference::describe(&gray, &settings, 0.0));
 }
 
-/// The definition, tables and their rounding included, is part of the format of stored codes.
+/// The definition, including tables and their rounding, is part of the format of stored codes.
 #[test]
 fn codes_are_those_of_every_version() {
     let gray = noise(40, 50);

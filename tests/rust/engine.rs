@@ -1,4 +1,4 @@
-//! Engines: whatever chunks one takes, the match has the bits of the core, and what it is given suffices.
+//! Engines: whatever chunks one accepts, the match has the bits of the core, and its inputs suffice.
 
 use std::ops::Range;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -23,10 +23,10 @@ use phasestereo_match::settings::presets::Preset;
 use phasestereo_match::settings::{CostKind, Settings};
 
 const COLS: usize = 70;
-/// Three chunks of the bands of either height, the last of them with a part of a band.
+/// Three chunks of bands of either height, the last of them with a partial band.
 const ROWS: usize = 2 * ENGINE_BANDS * BAND + BAND + 5;
 
-/// Takes every `step`th chunk, and searches it by the core in wider integers than are needed.
+/// Accepts every `step`th chunk, and lets the core search it in wider integers than needed.
 #[derive(Debug, Default)]
 struct Wide {
     step: usize,
@@ -100,7 +100,7 @@ fn matched(matcher: &Matcher, pair: &Pair, rows: Range<usize>, settings: &Settin
 #[test]
 fn any_chunks_of_an_engine_leave_the_bits_of_the_core() {
     let core = Matcher::new(2).expect("threads");
-    // Nothing here knows the noise of the images.
+    // The noise of the images is unknown here.
     let plain = Settings { noise_threshold: 0.0, ..robust() };
     let all = OPTIMIZERS.map(|optimizer| Settings { optimizer, ..Preset::Fast.settings() });
     let others = [plain, Settings { cost: CostKind::Sad, ..Preset::Fast.settings() }];

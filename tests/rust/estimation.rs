@@ -1,5 +1,5 @@
-//! Rows and ranges: what is injected is found and corrected, the same at every level, for any threads, and of
-//! a pair that is read a few rows at a time.
+//! Rows and ranges: injected faults are found and corrected, the same at every level, for any threads, and
+//! for a pair that is read a few rows at a time.
 
 use std::ops::Range;
 
@@ -28,7 +28,7 @@ const SIZE: (usize, usize) = (260, 330);
 /// Disparity of the left half of a scene, and of its right half.
 const DEPTHS: [usize; 2] = [9, 21];
 
-/// Squares of many sizes, at any place, also between pixels.
+/// Squares of many sizes, at any place, including between pixels.
 fn texture(y: f64, x: f64) -> f64 {
     let shade = |side: f64, salt: u64| {
         let (row, col) = (y / side, x / side);
@@ -51,12 +51,12 @@ fn depth(x: f64) -> f64 {
     DEPTHS[usize::from(x > SIZE.1 as f64 / 2.0)] as f64
 }
 
-/// Both images of a scene; the right one shows what is in row `y` of the left one at `y + field(x, y)`.
+/// Both images of a scene; the right one shows row `y` of the left one at `y + field(x, y)`.
 fn shots(field: &Alignment) -> [Plane<f64>; 2] {
     let left = Plane::from_fn(SIZE.0, SIZE.1, |y, x| texture(y as f64, x as f64 - depth(x as f64)));
 
     let right = Plane::from_fn(SIZE.0, SIZE.1, |y, x| {
-        // The row of the left image that is seen here, by iteration: the field is smooth.
+        // The row of the left image that appears here, by iteration: the field is smooth.
         let mut row = y as f64;
         for _ in 0..8 {
             row = y as f64 - field.at(x as f64, row);
@@ -67,7 +67,8 @@ fn shots(field: &Alignment) -> [Plane<f64>; 2] {
     [left, right]
 }
 
-/// The same with lenses in focus apart: the left one blurs what is near, the right one what is far.
+/// The same with lenses in focus at different distances: the left one blurs near objects, the right one far
+/// ones.
 fn in_focus_apart([left, right]: [Plane<f64>; 2]) -> [Plane<f64>; 2] {
     let taps = Psf::disk(5.0).taps();
     let soft = |plane: &Plane<f64>, y: usize, x: usize| -> f64 {
@@ -119,7 +120,7 @@ fn field(coefficients: &[f64]) -> Alignment {
     Alignment::new(all, SIZE).expect("legal")
 }
 
-/// The same with rows that sway.
+/// The same, with swaying rows.
 fn swaying(coefficients: &[f64]) -> Alignment {
     let factor = |knot: usize| [0.2, 1.3, 1.6, 0.3, -1.1, -1.7, -0.6][knot % 7];
     field(coefficients).with_sway(std::array::from_fn(factor)).expect("legal")
@@ -144,7 +145,7 @@ fn settings() -> Settings {
     }
 }
 
-/// The estimates of a pair, whose disparities are known or not.
+/// The estimates of a pair with known or unknown disparities.
 fn found(pair: &Pair, is_known: bool, threads: usize, level: Level) -> Estimates {
     let candidates = is_known.then(|| Fact::given(pair.candidates()));
     let facts = Facts { candidates, ..Facts::default() };
@@ -159,7 +160,7 @@ fn with_findings(mut found: Estimates, pair: &Pair) -> Estimates {
     found
 }
 
-/// The same of a pair that is read by at most this many rows.
+/// The same for a pair that is read at most this many rows at a time.
 fn found_by_rows(stored: &Stored, is_known: bool, most: usize) -> Estimates {
     let candidates = is_known.then(|| Fact::given(stored.pair.candidates()));
     let facts = Facts { candidates, ..Facts::default() };
@@ -170,7 +171,7 @@ fn found_by_rows(stored: &Stored, is_known: bool, most: usize) -> Estimates {
     with_findings(found.expect("it runs"), &stored.pair)
 }
 
-/// Compares all but the times.
+/// Compares everything except the times.
 fn assert_same(found: &Estimates, expected: &Estimates, what: &str) {
     let parts = |found: &Estimates| {
         let Estimates { candidates, range, left_out, offsets, .. } = found;
@@ -180,7 +181,7 @@ fn assert_same(found: &Estimates, expected: &Estimates, what: &str) {
     };
 
     assert_eq!(parts(found), parts(expected), "{what}");
-    // NaN is unequal to itself, not so its text.
+    // NaN is unequal to itself, but its text is equal.
     let said = |found: &Estimates| format!("{:?} {:?}", found.photometry, found.findings);
     assert_eq!(said(found), said(expected), "{what}");
 }
@@ -298,7 +299,7 @@ fn blur_that_follows_depth_has_the_disk_of_each_disparity() {
         let is_of = |x: usize| blur.blurs[usize::from(labels[rows / 2 * cols + x])].side == Some(side);
         columns.filter(|x| is_of(*x)).count()
     };
-    // Far things are in the left half; the tiles at the jump are of either half.
+    // Far objects are in the left half; the tiles at the jump belong to either half.
     let half = cols / 2 - 2;
     assert_eq!(of_side(Side::Right, 0..half), half, "{blur:?}");
     assert_eq!(of_side(Side::Left, cols - half..cols), half, "{blur:?}");
@@ -322,7 +323,7 @@ fn pairs_that_are_read_have_the_estimates_of_whole_ones() {
     };
 
     let plain = [stored(&shots, bytes), stored(&shots, floats)];
-    // So wide that one match of reduced images serves for rows and blur.
+    // Wide enough that one match of reduced images serves for rows and blur.
     let wide = stored(&shots.each_ref().map(doubled), bytes);
 
     let sways = stored(&self::shots(&swaying(&[0.4, 1.2, -0.6])), bytes);

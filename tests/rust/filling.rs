@@ -1,4 +1,4 @@
-//! Pixels filled from the trusted ones of their row, against a search for each pixel.
+//! Pixels filled from the trusted ones of their row, compared with a search for each pixel.
 
 use crate::common::maps::{FlaggedMap, bits, maps, row};
 use crate::common::{at_every_level, hash, random};

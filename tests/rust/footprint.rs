@@ -1,5 +1,5 @@
-//! The memory model is held to what matches take, each in a process of its own: the system tells the most
-//! that was resident.
+//! Compares the memory model with the memory of matches, each in a process of its own: the system reports the
+//! peak resident memory.
 #![cfg(target_os = "linux")]
 
 use std::env;
@@ -25,7 +25,7 @@ use phasestereo_match::pair::plan::{Demand, Plan};
 use phasestereo_match::settings::presets::Preset;
 use phasestereo_match::settings::{CostKind, Optimizer, Settings};
 
-/// Names the case that this process is to measure.
+/// Names the case that this process measures.
 const CASE: &str = "PHASESTEREO_MEMORY_OF";
 
 /// A match whose memory is measured.
@@ -43,7 +43,7 @@ struct Case {
     kernels: usize,
 }
 
-/// A share may be off by so much: the system counts pages, and allocators keep some.
+/// Allowed error of a share: the system counts pages, and allocators keep some.
 const OFF: f64 = 0.07;
 
 fn cases() -> Vec<Case> {
@@ -89,7 +89,7 @@ impl Case {
         let before = resident("VmRSS:");
         fs::write("/proc/self/clear_refs", "5").expect("the most is that from now on");
 
-        // Who calls keeps the images that are handed over.
+        // The caller keeps the images that it passes.
         let given = [3, 0].map(|shift| self.input(shift));
         let pair = Pair::of_inputs(given.clone(), 0, self.candidates as i64);
         let pair = compensated(pair.expect("a legal pair"), compensation.clone());
@@ -134,7 +134,7 @@ impl Case {
         BlurCompensation::new(noise, kernels, labels, 80).expect("a legal compensation")
     }
 }
-/// Bytes of memory that this process has (`VmRSS:`) or had at most (`VmHWM:`).
+/// Bytes of memory of this process, now (`VmRSS:`) or at the peak (`VmHWM:`).
 fn resident(name: &str) -> u64 {
     let status = fs::read_to_string("/proc/self/status").expect("a system that tells");
     let line = status.lines().find(|line| line.starts_with(name)).expect("a line of that name");
@@ -159,7 +159,7 @@ fn matches_take_their_share_of_the_model() {
     };
 
     let shares = cases().into_iter().map(|case| (measured(&case), case));
-    // Threads are seldom all at their most at the same time.
+    // Threads are seldom all at their peak at the same time.
     let is_off =
         |found: f64, case: &Case| found > case.share + OFF || found < case.share - OFF * case.threads as f64;
     let wrong = shares.filter(|(found, case)| is_off(*found, case));

@@ -1,4 +1,4 @@
-//! Weighted medians near jumps, against sorting.
+//! Weighted medians near jumps, compared with sorting.
 
 use crate::common::maps::{FlaggedMap, bits, drawn, maps, patches};
 use crate::common::{hash, random};
@@ -41,7 +41,7 @@ proptest! {
     }
 }
 
-/// Two surfaces of their own gray value with a border that the map has up to two or three pixels off.
+/// Two surfaces, each with its own gray value; the map's border is off by up to two or three pixels.
 #[test]
 fn an_edge_is_drawn_to_that_of_the_image() {
     let noise = |y, x| (hash(3, y, x) % 5) as i32;

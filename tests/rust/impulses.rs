@@ -1,4 +1,4 @@
-//! Impulses, against sorting the neighbors of every pixel.
+//! Impulses, compared with sorting the neighbors of every pixel.
 
 use crate::common::{at_every_level, gray_of, grays, hash, random};
 use crate::reference;

@@ -1,4 +1,4 @@
-//! Intensities: what scale, offset and type of the pixels must not change.
+//! Intensities: scale, offset and type of the pixels must not change anything.
 
 use crate::common::{gray_of, inputs, level_pair, random, views};
 use ndarray::Array3;

@@ -1,4 +1,4 @@
-//! The interface of the crate gives what the stages give, and refuses by name.
+//! The interface of the crate returns the results of the stages, and its errors name the arguments.
 
 use phasestereo::internals::estimation::facts::{Fact, Facts};
 use phasestereo::internals::match_pair::match_pair;
@@ -12,7 +12,7 @@ use phasestereo_match::pair::Pair;
 
 const SIZE: (usize, usize) = (80, 120);
 
-/// Texture, this many columns further left.
+/// Texture, moved left by this many columns.
 fn texture(shift: usize) -> Vec<u8> {
     let (rows, cols) = SIZE;
     let gray = |i: usize| ((i % cols + shift) * 89 % 251) as u8 ^ (i / cols * 37 % 256) as u8;

@@ -1,4 +1,4 @@
-//! Owners of right pixels, against a search of the whole row.
+//! Owners of right pixels, compared with a search of the whole row.
 
 use crate::common::{hash, random};
 use crate::reference;
@@ -70,7 +70,7 @@ fn a_row_of_one_surface_is_consistent() {
     assert_eq!(row_flags(&[3; 20], &[5; 20], 0), expected);
 }
 
-/// A surface at disparity 5 before one at 0: five pixels of the latter are occluded on the right.
+/// A surface at disparity 5 in front of one at 0: five pixels of the latter are occluded on the right.
 #[test]
 fn pixels_behind_a_nearer_surface_are_occluded_except_the_rims() {
     let chosen: Vec<_> = (0..24).map(|x| if x >= 12 { 5 } else { 0 }).collect();

@@ -1,4 +1,4 @@
-//! The tests of the core, in one binary: as twenty of them they took four times as long to compile.
+//! The tests of the core, in one binary: as twenty binaries they took four times as long to compile.
 
 mod aggregation;
 mod areas;

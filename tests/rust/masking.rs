@@ -1,4 +1,4 @@
-//! The values of masked pixels, against a search of the whole image.
+//! The values of masked pixels, compared with a search of the whole image.
 
 use crate::common::{grays, hash, random};
 use crate::reference;
@@ -7,7 +7,7 @@ use phasestereo_match::image::masking::fill_masked;
 use phasestereo_match::image::view::Mask;
 use proptest::prelude::*;
 
-/// Most rows to one that is copied: what the largest kernel and the largest window reach.
+/// Most rows to one that is copied: the reach of the largest kernel and the largest window.
 const REACH: usize = 64 + 31;
 
 proptest! {
@@ -44,7 +44,7 @@ fn filled(gray: &Plane<i32>, mask: &Mask) -> Plane<i32> {
 
 #[test]
 fn empty_rows_copy_up_to_the_largest_distance() {
-    // Only these rows have a valid pixel: those in the middle are at one distance from both.
+    // Only these rows have a valid pixel: those in the middle are equally far from both.
     let seeds = [0, 2 * REACH, 4 * REACH + 2];
     let (gray, mask) = tall(5 * REACH + 10, |y| seeds.contains(&y));
     let filled = filled(&gray, &mask);

@@ -1,5 +1,5 @@
-//! Whole matches: whatever the threads, integers and memory used before, they equal the chain of reference
-//! implementations.
+//! Whole matches: whatever the threads, the integers and the previous use of memory, they equal the chain of
+//! reference implementations.
 
 use std::io::Write;
 use std::sync::Arc;
@@ -30,7 +30,7 @@ use phasestereo_match::settings::{CostKind, Optimizer, Precision, Settings};
 use proptest::prelude::*;
 use proptest::sample::select;
 
-/// Limit on the work of the naive chain: pixels x candidates x places of the window, and likewise for the
+/// Limit on the work of the naive chain: pixels x candidates x places of the window, and the same for the
 /// codes.
 const AFFORDABLE: usize = 1 << 21;
 
@@ -51,12 +51,12 @@ impl MatchJob {
         Self { pair: parts::compensated(pair, known), settings }
     }
 
-    /// The result, by a matcher of its own.
+    /// The result, from a new matcher.
     fn run(&self, execution: Execution) -> ResultBits {
         self.run_with(&Matcher::new(execution.threads).expect("threads"), execution)
     }
 
-    /// The result, by a matcher that may have been used before.
+    /// The result, from a matcher that may have been used before.
     fn run_with(&self, matcher: &Matcher, execution: Execution) -> ResultBits {
         let control = Control::default();
 
@@ -79,7 +79,7 @@ impl MatchJob {
         }
     }
 
-    /// Bytes of the integers that are wide enough for the costs and the totals of this match.
+    /// Bytes of the integers that are wide enough for the costs and totals of this match.
     fn bytes(&self) -> usize {
         let (window, penalties) = naive::scale(&self.pair, &self.settings);
         let is_masked = Validity::new(self.pair.views(), self.pair.candidates()).expect("memory").is_some();
@@ -197,7 +197,7 @@ proptest! {
     }
 }
 
-/// A scene and the same further left by `shift`, so that costs range from 0 to the largest.
+/// A scene and the same scene moved left by `shift`, so that costs range from 0 to the largest.
 fn shifted(rows: usize, cols: usize, shift: usize) -> [View; 2] {
     [0, shift].map(|shift| view(rows, cols, |y, x| hash(9, y, x + shift) as u8))
 }
@@ -274,7 +274,7 @@ fn penalties_from_none_to_the_largest() {
     }
 }
 
-/// A row of waves, the right one half a wave further: at disparity 0 all bits differ, at half a wave none
+/// A row of waves, the right one shifted by half a wave: at disparity 0 all bits differ, at half a wave none
 /// does.
 fn waves(rows: usize, cols: usize, half: usize) -> [View; 2] {
     [0, half].map(|shift| {
@@ -350,7 +350,7 @@ fn nothing_valid_is_no_estimate_anywhere() {
     assert!(seen.disparity.into_iter().all(|bits| f32::from_bits(bits).is_nan()));
 }
 
-/// Jobs that leave the most in memory for the next: other sizes, costs, masks and integers.
+/// Jobs that leave the most in memory for the next one: different sizes, costs, masks and integers.
 fn unlike_jobs() -> Vec<MatchJob> {
     let sizes = [(70, 3 * PANEL + 1, 33), (3, 17, 16), (33, PANEL, 9)];
     let every = settings_of_every_width().into_iter().zip(sizes.into_iter().cycle()).enumerate();
@@ -430,14 +430,14 @@ fn a_shifted_image_is_found_again() {
     }
 }
 
-/// A kernel of one tap: it moves the image by this many columns, which tells classes apart.
+/// A kernel of one tap: it moves the image by this many columns, which distinguishes classes.
 fn moving(columns: isize) -> Kernel {
     let taps = Plane::from_fn(1, 33, |_, x| f64::from(u8::from(x as isize - 16 == columns)));
 
     Kernel::new(&taps).expect("a legal kernel")
 }
 
-/// A match in this many classes, each of which finds another disparity.
+/// A match in this many classes, each of which finds a different disparity.
 fn in_classes(count: usize, size: (usize, usize), tile: usize) -> MatchJob {
     let kernels = (0..count as isize).map(|class| [None, Some(moving(-class))]).collect();
     let tiles = (size.0.div_ceil(tile), size.1.div_ceil(tile));
@@ -528,8 +528,8 @@ fn compensated(job: MatchJob) -> MatchJob {
     MatchJob { pair: parts::compensated(job.pair, compensation), ..job }
 }
 
-/// Matches with about the default settings, of pairs large and tiny, with and without masks, in one version
-/// and in several.
+/// Matches with nearly default settings, of pairs large and tiny, with and without masks, in one version and
+/// in several.
 fn robust_jobs() -> Vec<MatchJob> {
     let sizes = [(1, 1, 1), (1, 40, 7), (40, 1, 1), (33, 65, 1), (3, 4, 4), (50, 70, 9)];
     let pairs = sizes.into_iter().flat_map(|(rows, cols, count)| {
@@ -558,7 +558,7 @@ fn matches_by_default_are_the_same_on_any_threads_and_levels() {
     for threads in [1, 2, 4] {
         let matcher = Matcher::new(threads).expect("threads start");
         for level in levels() {
-            // From the largest on, and the other way round.
+            // From the largest one on, and in reverse.
             for (expected, job) in known.iter().rev().chain(&known) {
                 let found = job.run_with(&matcher, execution(threads, level));
                 assert!(found == *expected, "{threads} threads, {}: {job}", level.name());
@@ -629,7 +629,7 @@ fn low_confidence_is_masked_out() {
 
         let confidences = all.confidence.as_ref().expect("asked for").iter();
 
-        // Both counts make sure that the threshold is neither below nor above all confidences.
+        // Both counts ensure that the threshold is neither below nor above all confidences.
         let (mut kept, mut invalid) = (0, 0);
 
         for (place, bits) in confidences.enumerate() {

@@ -1,4 +1,4 @@
-//! Medians of 3 x 3 disparities, against sorting.
+//! Medians of 3 x 3 disparities, compared with sorting.
 
 use crate::common::maps::{bits, drawn, maps, row};
 use crate::common::{levels, random};

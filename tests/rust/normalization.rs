@@ -1,4 +1,4 @@
-//! Local contrast: sliding sums in bands against each window summed by itself.
+//! Local contrast: sliding sums in bands compared with each window summed by itself.
 
 use crate::common::{noise, random, volumes};
 use crate::reference;

@@ -1,5 +1,5 @@
 //! Candidates chosen along paths, in order and pixel by pixel: lanes of narrow integers, band by band and
-//! panel by panel, against the reference implementations, which try every path, every origin and every
+//! panel by panel, compared with the reference implementations, which try every path, every origin and every
 //! candidate.
 
 use std::ops::Range;
@@ -34,7 +34,7 @@ use proptest::sample::select;
 /// Values of a volume that the reference implementation has time for.
 const AFFORDABLE: usize = 40_000;
 
-/// Costs, and how candidates are chosen by them.
+/// Costs, and how candidates are chosen from them.
 #[derive(Debug, Clone)]
 struct Volume {
     costs: Plane<u32>,
@@ -43,7 +43,7 @@ struct Volume {
     penalties: Penalties,
     /// Gray values, and the threshold of their jumps.
     gray: Option<(Plane<i32>, f64)>,
-    /// A number from which the candidates of each panel are drawn; `None`: all of them everywhere.
+    /// A seed for the candidates of each panel; `None`: all of them everywhere.
     ranges: Option<u64>,
 }
 
@@ -103,7 +103,7 @@ impl Volume {
         (self.costs.rows(), self.costs.cols() / self.candidates)
     }
 
-    /// The evidence by the reference implementations.
+    /// The evidence from the reference implementations.
     fn expected(&self) -> Plane<PixelEvidence> {
         let gray = self.gray.as_ref();
         let edges = gray.map(|(gray, threshold)| reference::edges(gray, *threshold));
@@ -113,7 +113,7 @@ impl Volume {
         naive::optimized(costs, *candidates, *optimizer, *penalties, edges.as_ref(), &searched)
     }
 
-    /// The evidence by bands, from the last one up, since bands must not depend on one another.
+    /// The evidence by bands, from the last one up, since bands must not depend on each other.
     fn found<T: Value>(
         &self,
         workspace: &mut Workspace<T>,
@@ -162,7 +162,7 @@ impl Volume {
             for (row, y) in band.enumerate() {
                 let seen = evidence.row(row);
                 for (x, found) in found.row_mut(y).iter_mut().enumerate() {
-                    // A band that is not weighed has nothing but the choices.
+                    // A band that is not weighed only has the choices.
                     let cost = |costs: &[u32]| costs.get(x).copied().unwrap_or(NONE);
                     let offset = seen.offset.get(x).copied().unwrap_or(f32::NAN);
                     let (best, second_best) = (cost(seen.best), cost(seen.second_best));
@@ -408,7 +408,7 @@ fn the_last_of_the_most_candidates_can_be_chosen() {
     }
 }
 
-/// Two pixels whose one path leads from one to the other, by hand.
+/// Two pixels whose only path leads from one to the other, by hand.
 #[test]
 fn a_pixel_is_drawn_to_its_neighbor() {
     let costs = Plane::from_vec(1, 6, vec![0, 9, 9, 4, 9, 3]).expect("two pixels");
@@ -427,7 +427,7 @@ fn a_pixel_is_drawn_to_its_neighbor() {
     volume.check(&mut Workspaces::default());
 }
 
-/// Whether a cost at one pixel has an effect on the choice at another one.
+/// Whether a cost at one pixel affects the choice at another one.
 fn is_seen(
     from: (usize, usize),
     there: (usize, usize),

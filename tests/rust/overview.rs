@@ -1,5 +1,4 @@
-//! Reduced copies of a pair, the range of disparities that they show, and the blocks that are found again in
-//! them.
+//! Reduced copies of a pair, the range of disparities that they show, and the blocks located in them.
 
 use std::ops::Range;
 
@@ -100,7 +99,7 @@ fn images_are_opposite_if_what_matches_gets_darker_where_it_gets_brighter() {
     let is_opposite = |sign: f32, salt: u64| {
         let scene = |y: usize, x: usize| random(salt, y, x) as f32;
         let left = Plane::from_fn(9, 40, scene);
-        // What is invalid, or in rows between those that are looked at, says the contrary.
+        // Invalid pixels, and rows between the sampled ones, show the opposite.
         let right = Plane::from_fn(9, 40, |y, x| {
             let is_odd = (y == 4 && (7..27).contains(&x)) || y % 4 > 0;
             3000.0 + if is_odd { -2.0 * sign * scene(y, x + 3) } else { sign * scene(y, x + 3) }
@@ -175,8 +174,8 @@ fn blocks_are_found_where_nine_tenths_of_both_are_valid() {
     }
 }
 
-/// Copies of a scene whose left half is at one disparity and the right one at another, with an upright thing
-/// before it.
+/// Copies of a scene whose left half is at one disparity and the right one at another, with an upright object
+/// in front of it.
 fn stage(halves: [usize; 2], thing: usize) -> Overview {
     let (rows, cols) = (112, 320);
     let mut planes = [0, 1].map(|_| Plane::from_fn(rows, cols, |_, _| 0.0));
@@ -213,7 +212,7 @@ fn a_range_holds_what_is_found_and_what_stands_before_it() {
     assert!((plain.low - 24.0).abs() < 1.0 && (plain.high - 80.0).abs() < 1.0, "{plain:?}");
     assert!(plain.min == 0 && (85..=88).contains(&plain.count) && !plain.identical, "{plain:?}");
     let thing = found([12, 20], 120);
-    // Half a pixel of the smallest copies farther.
+    // Half a pixel of the smallest copies further.
     assert_eq!((thing.high, thing.min), (244.0, 0), "{thing:?}");
 
     let mut same = stage([0, 0], 0);
@@ -268,7 +267,7 @@ fn signs_count_if_they_are_clear() {
 
 #[test]
 fn bands_show_most_of_both_ends_and_the_border() {
-    // Of 24 bands of two rows, four show most of an end; the last one has a row alone.
+    // Of 24 bands of two rows, four show most of an end; the last one has only one row.
     let mut disparities = Plane::from_fn(47, 6, |_, _| 5.0f32);
     let lows = [(7, 5), (12, 4), (3, 3), (15, 2), (20, 1)];
     let highs = [(9, 6), (10, 3), (11, 3), (13, 3), (14, 3)];

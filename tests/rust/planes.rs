@@ -1,4 +1,5 @@
-//! Flat areas and their planes: as naive ones are found, to the bit, and where they were put.
+//! Flat areas and their planes: compared with naive ones, bit for bit, and with the places where they were
+//! put.
 
 use std::collections::BTreeSet;
 use std::ops::Range;
@@ -23,7 +24,7 @@ type Place = (usize, usize);
 /// The bits of the confidence of pixels without evidence.
 const UNSEEN: u32 = 0.4_f32.to_bits();
 
-/// Gray values of texture, but where it is smooth: there grain is less than `least`.
+/// Gray values of texture, except where it is smooth: there grain is less than `least`.
 fn textured(
     (rows, cols): (usize, usize),
     salt: u64,
@@ -44,7 +45,7 @@ fn patched(size: (usize, usize), salt: u64, least: f32) -> Plane<i32> {
     textured(size, salt + 1, least, |y, x| random(salt, y / 23, x / 31) > 0.5)
 }
 
-/// The places of the window that reaches so far, as far as the plane does, in reading order.
+/// The places of the window with this reach, within the plane, in reading order.
 fn window((y, x): Place, by: usize, (rows, cols): (usize, usize)) -> impl Iterator<Item = Place> {
     let near = move |at: usize, count: usize| at.saturating_sub(by)..(at + by + 1).min(count);
     near(y, rows).flat_map(move |y| near(x, cols).map(move |x| (y, x)))
@@ -57,7 +58,7 @@ fn places((rows, cols): (usize, usize)) -> impl Iterator<Item = Place> {
 /// The flat areas of an image whose gray values are less than 2^15.
 fn naive_areas(gray: &Plane<i32>) -> Vec<BTreeSet<Place>> {
     let size @ (rows, cols) = (gray.rows(), gray.cols());
-    // In large images rows are left out.
+    // In large images, rows are skipped.
     let looked_at = (1..rows - 1).step_by((rows * cols / 32_768).max(1));
     let mut laplacian: Vec<i64> = looked_at
         .flat_map(|y| (1..cols - 1).map(move |x| (y, x)))
@@ -103,7 +104,7 @@ fn naive_areas(gray: &Plane<i32>) -> Vec<BTreeSet<Place>> {
 
 #[test]
 fn flat_areas_are_those_of_a_naive_search() {
-    // Of the second one rows are left out.
+    // In the second one, rows are skipped.
     for (size, salt) in [((90, 130), 3), ((270, 251), 8)] {
         let gray = patched(size, salt, 40.0);
         let naive = naive_areas(&gray);
@@ -223,7 +224,7 @@ fn naive_plane(
     let plane = naive_fit(&samples)?;
     let drawn = |(y, x): Place| naive_height(plane, (y as f64, x as f64)) as f32;
 
-    // Tiles count from the corner of what is near.
+    // Tiles count from the corner of the near pixels.
     let corner = (near(4).map(|at| at.0).min(), near(4).map(|at| at.1).min());
     let (top, left) = (corner.0.expect("heavy"), corner.1.expect("heavy"));
     let end = (near(4).map(|at| at.0).max(), near(4).map(|at| at.1).max());
@@ -246,7 +247,7 @@ fn naive_plane(
         return None;
     }
 
-    // Where the surface goes on outside, the outline is that of something before it.
+    // If the surface continues outside, the outline belongs to an object in front of it.
     let inner: BTreeSet<Place> = near(4).collect();
     let ring: Vec<Place> = near(14).filter(|at| !inner.contains(at)).collect();
     let goes_on = ring.iter().filter(|&&(y, x)| {
@@ -386,7 +387,7 @@ fn naive_planes(pixels: &Plane<i32>, noise: f64, min: i64, map: &Disparity) -> D
     out
 }
 
-/// A map of a plane, of which a share of the pixels is off, in clumps, and in more doubt.
+/// A map of a plane with a share of its pixels off, in clumps, and in more doubt.
 fn scattered((rows, cols): (usize, usize), plane: [f32; 3], off: f32, salt: u64) -> Disparity {
     let is_off = |y: usize, x: usize| random(salt, y / 3, x / 4) < off;
     let is_missing = |y: usize, x: usize| hash(salt + 1, y, x).is_multiple_of(41);
@@ -480,13 +481,13 @@ fn planes_of_awkward_areas_are_those_of_a_naive_search() {
     assert!(count(30..60, 40..80, 0, gentle, 0.3) > 100);
     assert!(count(0..60, 0..80, 0, gentle, 0.3) > 300);
 
-    // Too small, too steep, and with too much that disagrees.
+    // Too small, too steep, and with too much disagreement.
     assert_eq!(count(30..36, 40..46, 0, gentle, 0.3), 0);
     assert_eq!(count(15..45, 20..60, 0, [1.4, 0.1, 0.0], 0.3), 0);
     assert_eq!(count(15..45, 20..60, 0, [0.1, -1.8, 120.0], 0.3), 0);
     assert_eq!(count(15..45, 20..60, 0, gentle, 0.95), 0);
 
-    // Behind infinity, unless that is searched, too.
+    // Beyond infinity, unless that is searched, too.
     let behind = [0.05, 0.05, -30.0];
     assert_eq!(count(15..45, 20..60, 0, behind, 0.3), 0);
     assert!(count(15..45, 20..60, -40, behind, 0.3) > 100);
@@ -517,7 +518,7 @@ fn is_near_board(y: usize, x: usize) -> bool {
         .any(|y| [x, x + 3, x.saturating_sub(3)].iter().any(|x| is_board(*y, *x)))
 }
 
-/// A board that lies `before` px before what is around it, as below.
+/// A board that is `before` px in front of its surroundings, as below.
 fn board(before: f32, surface: impl Fn(usize, usize) -> f32) -> (Pair, Disparity) {
     let around = |y: usize, x: usize| if is_near_board(y, x) { 0.0 } else { before };
     let gray = Plane::from_fn(180, 260, |y, x| {
@@ -527,7 +528,7 @@ fn board(before: f32, surface: impl Fn(usize, usize) -> f32) -> (Pair, Disparity
     known_at_outline(as_view(&gray), |y, x| surface(y, x) - around(y, x))
 }
 
-/// A pair that shows the board, and a map that knows `surface` outside and at its outline alone.
+/// A pair that shows the board, and a map that knows `surface` only outside and at its outline.
 fn known_at_outline(view: View, surface: impl Fn(usize, usize) -> f32) -> (Pair, Disparity) {
     let pair = Pair::new(view.clone(), view, 0, 64).expect("a legal pair");
 
@@ -568,13 +569,13 @@ fn a_plain_board_becomes_the_plane_of_its_outline() {
         assert_eq!(map.flags.row(y)[x], flag::INFERRED);
     }
 
-    // A plane is as sure as the outline agrees, less so far from it.
+    // A plane is as certain as the outline agrees, less so far from it.
     let (confidence, bars) = (map.confidence.expect("made so"), map.uncertainty.expect("made so"));
     assert!((0.6..0.75).contains(&confidence.row(90)[130]), "{}", confidence.row(90)[130]);
     assert!((0.8..0.9).contains(&confidence.row(40)[60]), "{}", confidence.row(40)[60]);
     assert!((3.0..6.0).contains(&bars.row(90)[130]), "{}", bars.row(90)[130]);
 
-    // The texture around keeps what it has.
+    // The texture around keeps its values.
     assert_eq!(map.disparity.row(10), before.disparity.row(10));
     assert_eq!(map.flags.row(10), before.flags.row(10));
 }
@@ -589,7 +590,7 @@ fn what_is_not_a_plane_is_not_drawn() {
     let map = drawn(&pair, before.clone());
     assert_eq!(map, before);
 
-    // Nothing lies behind infinity.
+    // Nothing lies beyond infinity.
     let (pair, before) = board(0.0, |y, _| -3.0 - 0.1 * y as f32);
     assert_eq!(drawn(&pair, before.clone()), before);
 }
@@ -606,7 +607,7 @@ const IN_DOUBT: [f32; 2] = [0.4, 9.0 * (1.0 - 0.4) / 0.4];
 
 #[test]
 fn the_outline_of_what_lies_before_a_plain_area_is_not_trusted() {
-    // As of a sky between houses: outside, their surface goes on.
+    // Like a sky between houses: their surface continues outside.
     let plane = |y: usize, x: usize| 10.0 + 0.1 * x as f32 - 0.05 * y as f32;
     let (pair, before) = board(0.0, plane);
     let map = drawn(&pair, before);
@@ -616,7 +617,7 @@ fn the_outline_of_what_lies_before_a_plain_area_is_not_trusted() {
     assert!(map.confidence.expect("made so").row(40)[60] > 0.8, "beside pixels that agree");
 }
 
-/// The board in 8 bits, on it one of `one_in` pixels is brighter by some steps.
+/// The board in 8 bits; on it, one in `one_in` pixels is brighter by some steps.
 fn nearly_blank(one_in: u64, steps: u8) -> View {
     let pixel = |(y, x, _)| match hash(5, y, x) {
         _ if is_inside(y, x, 8) => 150 + steps * u8::from(hash(7, y, x).is_multiple_of(one_in)),
@@ -660,7 +661,7 @@ fn faint_pixels_do_not_outvote_an_outline() {
         }
     }
 
-    // With as much detail as noise has, they are evidence: then there is no plane.
+    // With the detail of noise, they are evidence: then there is no plane.
     let (pair, _) = known_at_outline(nearly_blank(2, 3), |_, _| 20.0);
     assert!(drawn(&pair, before).flags.as_slice().iter().all(|flags| flags & flag::INFERRED == 0));
 }

@@ -1,4 +1,4 @@
-//! Codes of phases: the reference by angles and whole numbers, the core against the reference.
+//! Codes of phases: the reference by angles and whole numbers, the core compared with the reference.
 
 use crate::reference::quantize;
 use phasestereo_match::base::math;

@@ -1,9 +1,9 @@
 //! The reference implementation of every stage: the same signature, written so that it can be checked by
 //! reading.
 //!
-//! Slow on purpose. The tests hold the fast stages to these, bit for bit. Every constant is written again
-//! here, and no function of the core is called but for the logarithm and the exponential, so that a change
-//! there is seen here. Of the basis of the descriptor, the oracle of the Python tests has its own.
+//! Slow on purpose. The tests compare the fast stages with these, bit for bit. Every constant is repeated
+//! here, and no function of the core is called except for the logarithm and the exponential, so that a change
+//! there is detected here. The basis of the descriptor has its own oracle in the Python tests.
 
 use std::cmp::Reverse;
 use std::ops::Range;
@@ -27,7 +27,7 @@ use phasestereo_match::settings::Settings;
 /// Fractional bits of kernel weights, and those that a product of two factors keeps in between.
 const WEIGHT_BITS: u32 = 14;
 const KEPT_BITS: u32 = 2;
-/// Rows of a band and columns of a panel that paths are cut to, and what they see beyond.
+/// Rows of a band and columns of a panel that paths are cut to, and their look-ahead beyond.
 const BAND: usize = 64;
 const PANEL: usize = 64;
 const ROWS_AHEAD: usize = 16;
@@ -59,7 +59,7 @@ fn mirrored(index: isize, length: usize) -> usize {
 }
 
 /// Reference implementation of [`phasestereo_match::image::masking::fill_masked`]: for every masked pixel the
-/// whole row is searched, then, for rows without a valid pixel, the whole column of rows.
+/// whole row is searched, then, for rows without a valid pixel, all rows.
 pub fn fill_masked(plane: &Plane<i32>, mask: &Mask) -> Plane<i32> {
     let (rows, cols) = (plane.rows(), plane.cols());
     let is_seeded = |y: &usize| mask.row(*y).contains(&true);
@@ -264,7 +264,7 @@ pub fn describe_roughly(gray: &Plane<i32>, settings: &Settings) -> Plane<u64> {
     components(gray, &Basis::rough(settings), settings, 0.0, |_| true)
 }
 
-/// The codes of one size, of those components that count.
+/// The codes of one size, from the components that count.
 fn components(
     gray: &Plane<i32>,
     basis: &Basis,
@@ -317,8 +317,8 @@ const TANGENTS: [f64; 7] = [
 ];
 
 /// Reference implementation of [`phasestereo_match::descriptor::quantizer`]: the code of the component `re +
-/// i im` and its length, by the power of the spectrum and the bits of its phase. A boundary belongs to the
-/// sector counter-clockwise of it, zero to the first sector. With a weak level: the clearly negative parts,
+/// i im` and its length, given the power of the spectrum and the bits of its phase. A boundary belongs to the
+/// sector counterclockwise of it, zero to the first sector. With a weak level: the clearly negative parts,
 /// then the clearly positive ones.
 pub fn quantize(re: i64, im: i64, (power, bits): (usize, usize), weak: Option<f64>) -> (u64, usize) {
     if let Some(weak) = weak {
@@ -405,7 +405,7 @@ pub fn zncc(left: &Plane<u16>, right: &Plane<u16>, candidates: Candidates, side:
     })
 }
 
-/// The sum over a whole window, from that over its `support` valid pixels; without any the largest there is.
+/// The sum over a whole window, from that over its `support` valid pixels; without any, the largest possible.
 /// Bits are dropped from the sum of each column, so the mean of a few may exceed the largest sum.
 fn scaled(sum: u64, support: u64, window: Window) -> u64 {
     let pixels = (window.side * window.side) as u64;
@@ -462,7 +462,7 @@ pub fn in_order(costs: &[u32], candidates: usize, penalties: Penalties) -> Vec<u
         // Total and origin of the best path to each candidate.
         let best: Vec<(u64, usize)> = (0..candidates)
             .map(|to| {
-                // Among equal totals the first one counts.
+                // Among equal totals, the first one counts.
                 let from = |from: usize, penalty: u64| (totals[from] + penalty, from);
                 let stayed = std::iter::once(from(to, 0));
                 let rose = to.checked_sub(1).map(|smaller| from(smaller, penalties.p1));
@@ -487,7 +487,7 @@ pub fn in_order(costs: &[u32], candidates: usize, penalties: Penalties) -> Vec<u
     chosen
 }
 
-/// The index of the first of the least values.
+/// The index of the first of the smallest values.
 fn least<T: Ord + Copy>(values: &[T]) -> usize {
     let mut best = 0;
     for (index, value) in values.iter().enumerate() {
@@ -500,7 +500,7 @@ fn least<T: Ord + Copy>(values: &[T]) -> usize {
 }
 
 /// Reference implementation of [`phasestereo_match::optimization::edges::Edges`]: each pixel and neighbor by
-/// itself. In the lowest bits of a pixel is the jump from above, then that from the left.
+/// itself. The lowest bits of a pixel hold the jump from above, the next ones that from the left.
 pub fn edges(gray: &Plane<i32>, threshold: f64) -> Plane<u8> {
     let (rows, cols) = (gray.rows(), gray.cols());
     let differences = (0..rows).flat_map(|y| gray.row(y).windows(2));
@@ -520,10 +520,10 @@ pub fn edges(gray: &Plane<i32>, threshold: f64) -> Plane<u8> {
     })
 }
 
-/// The candidates that are searched in a band and a panel, by their numbers.
+/// The candidates that are searched in a band and a panel, given their numbers.
 pub type Searched<'a> = &'a dyn Fn(usize, usize) -> Range<usize>;
 
-/// The costs where a band and a panel decide which candidates are searched: all others cost more than any.
+/// The costs when a band and a panel determine the searched candidates: all others cost more than any.
 fn limited(
     costs: &Plane<u32>,
     candidates: usize,
@@ -536,8 +536,8 @@ fn limited(
 }
 
 /// Reference implementation of the sums of [`phasestereo_match::optimization`] that decide by horizontal
-/// paths alone: half the sum of both totals, rounded up, for every candidate of every pixel. `edges` are
-/// those of [`edges`](fn@edges).
+/// paths only: half the sum of both totals, rounded up, for every candidate of every pixel. `edges` are those
+/// of [`edges`](fn@edges).
 pub fn scanline_optimization(
     costs: &Plane<u32>,
     candidates: usize,
@@ -570,7 +570,7 @@ pub fn scanline_optimization(
 }
 
 /// Reference implementation of the sums of [`phasestereo_match::optimization`] that decide by four paths: the
-/// mean of the horizontal mean and, of each band with its look-ahead rows, the vertical mean.
+/// mean of the horizontal mean and, for each band with its look-ahead rows, the vertical mean.
 pub fn semi_global(
     costs: &Plane<u32>,
     candidates: usize,
@@ -596,7 +596,7 @@ pub fn semi_global(
     })
 }
 
-/// What the totals of paths depend on.
+/// The inputs of the totals of paths.
 struct PathCosts<'a> {
     costs: &'a Plane<u32>,
     candidates: usize,
@@ -605,15 +605,15 @@ struct PathCosts<'a> {
 }
 
 impl PathCosts<'_> {
-    /// Totals of the paths that take steps of `(dy, dx)` through some rows and columns, at whose border they
-    /// begin.
+    /// Totals of the paths that take steps of `(dy, dx)` through some rows and columns, starting at their
+    /// border.
     fn totals(&self, (dy, dx): (isize, isize), rows: Range<usize>, columns: Range<usize>) -> Plane<u64> {
         let Self { costs, candidates, .. } = *self;
         let mut totals = costs.map(|_| 0);
 
         for y in by_steps(rows.clone(), dy) {
             for x in by_steps(columns.clone(), dx) {
-                // The pixel before on the path; outside the rows and columns there is none, and nothing to
+                // The previous pixel on the path; outside the rows and columns there is none, and nothing to
                 // add.
                 let from = (y.wrapping_add_signed(-dy), x.wrapping_add_signed(-dx));
                 let is_inside = rows.contains(&from.0) && columns.contains(&from.1);
@@ -623,7 +623,7 @@ impl PathCosts<'_> {
                 let steps = if is_inside {
                     let mut before = totals.row(from.0)[places(from.1)].to_vec();
                     let least = before[least(&before)];
-                    // Of a candidate that is not searched here a path keeps nothing but its least total.
+                    // For a candidate that is not searched here, a path keeps only its smallest total.
                     let ends = before.iter_mut().zip(costs).filter(|(_, cost)| **cost == u32::MAX);
                     ends.for_each(|(total, _)| *total = u64::MAX / 2);
 
@@ -641,9 +641,9 @@ impl PathCosts<'_> {
         totals
     }
 
-    /// The cost of the step to each candidate, beyond the least total of the pixel before: to stay, to change
-    /// by one, or to come from the candidate with that least total. (If this is at most one away, P2 is not a
-    /// less than the right penalty.)
+    /// The cost of the step to each candidate, beyond the smallest total of the previous pixel: to stay, to
+    /// change by one, or to come from the candidate with that smallest total. (If this is at most one away,
+    /// P2 is not less than the right penalty.)
     fn steps(&self, before: &[u64], least: u64, p2: u64) -> Vec<u64> {
         let step = |k: usize| {
             let beside = [k.checked_sub(1), Some(k + 1)].into_iter().flatten();
@@ -653,7 +653,7 @@ impl PathCosts<'_> {
         (0..before.len()).map(step).collect()
     }
 
-    /// P2 between two neighbors: less where the gray value jumps, in whichever direction the path goes.
+    /// P2 between two neighbors: lower where the gray value jumps, in whichever direction the path goes.
     fn p2(&self, a: (usize, usize), b: (usize, usize)) -> u64 {
         let (before, after) = (a.min(b), a.max(b));
 
@@ -676,20 +676,20 @@ pub struct PixelEvidence {
     pub chosen: u16,
     /// Its cost.
     pub best: u32,
-    /// The least cost of a candidate not next to it. [`NO_CANDIDATE`]: there is no such candidate.
+    /// The smallest cost of a candidate not next to it. [`NO_CANDIDATE`]: there is no such candidate.
     pub second_best: u32,
     /// Sub-pixel offset of the match from the chosen candidate, pixels.
     pub offset: f32,
 }
 
-/// Reference implementation of [`phasestereo_match::optimization::selection`]: of one pixel, by what all
-/// paths come to and by its own costs.
+/// Reference implementation of [`phasestereo_match::optimization::selection`] for one pixel, from the sums of
+/// all paths and from its own costs.
 pub fn select(sums: &[u64], costs: &[u32]) -> PixelEvidence {
     let valley: Vec<_> = sums.iter().zip(costs).map(|(&sum, &cost)| evidence(sum, cost)).collect();
     found(least(sums), sums, &valley)
 }
 
-/// As [`select`], of a pixel for which something else has chosen a candidate, by its costs alone.
+/// [`select`] for a pixel whose candidate was chosen elsewhere, using only its costs.
 pub fn margin(chosen: u16, costs: &[u32]) -> PixelEvidence {
     let valley: Vec<_> = costs.iter().map(|&cost| evidence(cost.into(), 0)).collect();
     let costs: Vec<u64> = costs.iter().map(|&cost| cost.into()).collect();
@@ -715,7 +715,7 @@ fn capped(cost: u64) -> u32 {
     cost.min(u64::from(NO_CANDIDATE) - 1) as u32
 }
 
-/// The cost that places a match between candidates: what paths come to, and twice the pixel's own cost.
+/// The cost that places a match between candidates: the path sum, plus twice the pixel's own cost.
 fn evidence(sum: u64, cost: u32) -> u32 {
     (u64::from(capped(sum)) + 2 * u64::from(cost)).min((1 << 31) - 1) as u32
 }
@@ -762,8 +762,8 @@ pub fn smooth_surfaces(disparity: &Plane<f32>) -> Plane<f32> {
     })
 }
 
-/// Reference implementation of [`VotedMap::confidences`]: each pixel asks those around it, in pairs opposite
-/// one another whose weights take one division.
+/// Reference implementation of [`VotedMap::confidences`]: each pixel asks those around it, in opposite pairs
+/// whose weights take one division.
 pub fn confidences(map: VotedMap) -> Plane<f32> {
     let (rows, cols) = (map.disparity.rows(), map.disparity.cols());
     // In units of twice the mean difference of neighbors.
@@ -810,7 +810,7 @@ fn mean_difference(roughness: Roughness) -> f64 {
     if roughness.pairs == 0 { 0.0 } else { roughness.sum as f64 / roughness.pairs as f64 }
 }
 
-/// The vote of a pixel for its disparity, by its cost and the second-best one; half a vote is ahead by 4
+/// The vote of a pixel for its disparity, from its cost and the second-best one; half a vote is ahead by 4
 /// units.
 pub fn vote(best: u32, second_best: Option<u32>, unit: f32) -> f32 {
     let ahead = second_best.map_or(0, |cost| cost.saturating_sub(best)) as f32;
@@ -826,7 +826,7 @@ pub struct RawMap<'a> {
 }
 
 /// Reference implementation of [`phasestereo_match::refinement::calibration`]: confidence and bar of each
-/// pixel by itself, from the sums over the sampled rows, which all pixels are asked for.
+/// pixel by itself, from the sums over the sampled rows, checked for every pixel.
 pub fn calibrated(
     map: RawMap,
     candidates: Candidates,
@@ -942,8 +942,8 @@ fn calibration_traits(
     ]
 }
 
-/// Reference implementation of [`phasestereo_match::refinement::left_right_check::Checker`]: for every pixel
-/// all others of the row are asked.
+/// Reference implementation of [`phasestereo_match::refinement::left_right_check::Checker`]: for every pixel,
+/// all others of the row are checked.
 pub fn check_row(choices: Choices, most: u16, flags: &[u16]) -> Vec<u16> {
     let Choices { chosen, costs, candidates } = choices;
     let cols = chosen.len();
@@ -1073,7 +1073,7 @@ pub fn smooth(disparity: &Plane<f32>) -> Plane<f32> {
     })
 }
 
-/// Codes of gray values of a side (0: left, 1: right), under a kernel if there is one.
+/// Codes of gray values of a side (0: left, 1: right), under a kernel if given.
 pub type Describe<'a> = dyn Fn(usize, &Plane<i32>, Option<&Kernel>) -> Plane<u64> + 'a;
 
 /// The inputs of [`synthesize`].
@@ -1087,16 +1087,16 @@ pub struct Soft<'a> {
     pub classes: &'a Plane<usize>,
     /// The kernels of the classes, for the left and the right image.
     pub kernels: &'a [[Option<Kernel>; 2]],
-    /// Codes of gray values of a side, under a kernel if there is one.
+    /// Codes of gray values of a side, under a kernel if given.
     pub codes: &'a Describe<'a>,
-    /// Steps of left gray values to one of the right ones, and their largest magnitude.
+    /// Steps of left gray values per step of the right ones, and their largest magnitude.
     pub left: (f64, i64),
 }
 
-/// Reference implementation of [`phasestereo_match::refinement::synthesis::BlurredPair::redraw`]: all of the
+/// Reference implementation of [`phasestereo_match::refinement::synthesis::BlurredPair::redraw`]: the whole
 /// image under all kernels, by each of the three maps.
 pub fn synthesize(disparity: &Plane<f32>, soft: Soft) -> Plane<f32> {
-    // Sums over windows, by each map; of a soft left image all classes lie in one view.
+    // Sums over windows, by each map; for a soft left image, all classes share one view.
     let maps = [disparity.clone(), rival(disparity, false), rival(disparity, true)];
     let side_of = |class: usize| softness(&soft.kernels[class]).map(|(side, _)| side);
 
@@ -1146,7 +1146,7 @@ fn softness(kernels: &[Option<Kernel>; 2]) -> Option<(usize, &Kernel)> {
     }
 }
 
-/// The least or the largest disparity around each pixel, where it does not count as the same as its own.
+/// The smallest or the largest disparity around each pixel, unless it counts as the same as its own.
 fn rival(disparity: &Plane<f32>, is_largest: bool) -> Plane<f32> {
     let around = |at: usize, length: usize| at.saturating_sub(4)..(at + 5).min(length);
 
@@ -1172,8 +1172,8 @@ fn beside(x: usize, by: i64, cols: usize) -> usize {
     (x as i64 + by).clamp(0, cols as i64 - 1) as usize
 }
 
-/// Hamming distances of a soft side and of what it should be by a map, for one class; `None`: this class is
-/// not soft there.
+/// Hamming distances between a soft side and its expected image by a map, for one class; `None`: this class
+/// is not soft there.
 fn distances(map: &Plane<f32>, soft: Soft, side: usize, class: usize) -> Option<Plane<u32>> {
     let (_, blur) = softness(&soft.kernels[class]).filter(|(which, _)| *which == side)?;
 
@@ -1213,7 +1213,7 @@ fn from_right(map: &[f32], soft: Soft, y: usize) -> Vec<i32> {
     let shown = |x: usize| seen(x).map(|disparity| i64::from(left[beside(x, disparity, cols)]));
     let own = |x: usize| i64::from((f64::from(right[x]) * soft.left.0).round() as i32);
 
-    // In a gap the right image, as bright as the left one beside it.
+    // In a gap, the right image, made as bright as the left one beside it.
     let gray = |x: usize| {
         let start = (0..x).rev().find(|x| seen(*x).is_some()).map_or(0, |x| x + 1);
         let end = (x..cols).find(|x| seen(*x).is_some()).unwrap_or(cols);
@@ -1227,7 +1227,7 @@ fn from_right(map: &[f32], soft: Soft, y: usize) -> Vec<i32> {
     (0..cols).map(|x| shown(x).unwrap_or_else(|| gray(x)) as i32).collect()
 }
 
-/// Sums over windows, as far as they lie within the image.
+/// Sums over windows, within the image.
 fn windows(values: &Plane<u32>) -> Plane<u32> {
     let around = |at: usize, length: usize| at.saturating_sub(7)..(at + 8).min(length);
 
@@ -1238,7 +1238,7 @@ fn windows(values: &Plane<u32>) -> Plane<u32> {
 }
 
 /// Reference implementation of [`phasestereo_match::refinement::guided_median::GuidedMedian::filter`]: the
-/// weighted values sorted. The narrow median looks at 5 x 5 pixels two apart, wide ones at 7 x 7 three apart.
+/// weighted values sorted. The narrow median covers 5 x 5 pixels two apart, wide ones 7 x 7 three apart.
 pub fn guided_median(disparity: &Plane<f32>, gray: &Plane<i32>, is_wide: bool) -> Plane<f32> {
     let (rows, cols) = (disparity.rows(), disparity.cols());
     let differences = (0..rows).flat_map(|y| gray.row(y).windows(2));
@@ -1298,7 +1298,7 @@ pub fn guided_median(disparity: &Plane<f32>, gray: &Plane<i32>, is_wide: bool) -
             2 * below >= total
         };
 
-        // The least value up to which there is at least half of the weight.
+        // The smallest value up to which there is at least half of the weight.
         let median = values.iter().find(is_middle).map_or(0, |(away, _)| *away);
 
         if median == 0 { own } else { own + median as f32 / 8.0 }

@@ -1,5 +1,5 @@
-//! What is learned of two cameras over the frames of a video: the field of rows as by a filter that takes in
-//! one number at a time, the range of disparities, what happens, and all of it as text.
+//! Facts learned about two cameras over the frames of a video: the field of rows, compared with a filter that
+//! is updated with one number at a time, the range of disparities, the events, and all of it as text.
 
 use std::array::from_fn;
 use std::sync::Arc;
@@ -37,7 +37,7 @@ fn random(salt: u64, y: usize, x: usize) -> f64 {
     (hash(salt, y, x) % 2001) as f64 / 1000.0 - 1.0
 }
 
-/// Blocks all over an image whose rows are off by what `field` says, but for some of them.
+/// Blocks all over an image whose rows are off by `field`, except for some of them.
 fn tracks(frame: usize, field: impl Fn(f64, f64) -> f64) -> Vec<Track> {
     let track = |at: usize| {
         let (row, col) = (at / 14, at % 14);
@@ -50,8 +50,7 @@ fn tracks(frame: usize, field: impl Fn(f64, f64) -> f64) -> Vec<Track> {
     (0..126).map(track).collect()
 }
 
-/// The filter by its definition, which takes in one block after another: that of the inverse of a sum is the
-/// same.
+/// The filter by definition, updated with one block after another: that of the inverse of a sum is the same.
 struct Naive {
     value: [f64; TERMS],
     drift: [f64; TERMS],
@@ -76,7 +75,7 @@ impl Naive {
         (places().map(variance).sum::<f64>() / places().count() as f64).sqrt()
     }
 
-    /// Takes in blocks that are at most so far off the field; `spread` is that of those that agree.
+    /// Updates it with blocks that are at most this far off the field; `spread` is that of those that agree.
     fn update(&mut self, tracks: &[Track], spread: f64) {
         let mut weights: Vec<f64> = tracks.iter().map(|track| track.weight).collect();
         weights.sort_unstable_by(f64::total_cmp);
@@ -232,8 +231,7 @@ fn blocks_are_looked_for_in_each_cell_at_places_in_turns() {
     assert!(small(54, 300) && small(300, 54) && !small(55, 55));
 }
 
-/// A map of this many pixels, in units of a 2500th, by disparity; others have not passed a check, or have no
-/// number.
+/// A map of this many pixels, in units of a 2500th, by disparity; others failed a check, or have no number.
 fn map(shares: &[(f32, usize)]) -> Disparity {
     let (rows, cols) = (200, 200);
     let values: Vec<f32> = shares.iter().flat_map(|(value, count)| vec![*value; *count]).collect();
@@ -252,7 +250,7 @@ fn map(shares: &[(f32, usize)]) -> Disparity {
     }
 }
 
-/// Nothing seen yet of a range of disparities.
+/// A range of disparities without observations.
 fn unseen(min: i64, count: i64) -> Columns {
     Columns::new(Candidates::new(min, count, 400).expect("legal"))
 }
@@ -260,7 +258,7 @@ fn unseen(min: i64, count: i64) -> Columns {
 #[test]
 fn the_range_follows_what_comes_nearer_and_forgets_what_is_gone() {
     let mut columns = unseen(-2, 42);
-    // Too few pixels, unknown and flagged ones keep the range as it is.
+    // Too few pixels, unknown and flagged ones keep the range unchanged.
     let usual = map(&[(10.3, 2400), (f32::NAN, 10), (38.0, 40), (35.0, 9)]);
     assert!(!columns.update(&usual, 400) && columns.searched == (-2..40));
     let whole = 1i64 << 20;
@@ -274,14 +272,14 @@ fn the_range_follows_what_comes_nearer_and_forgets_what_is_gone() {
     let near = |value| map(&[(10.0, 2480), (value, 20)]);
     assert!(!columns.update(&near(36.0), 400) && columns.idle == 0);
     assert!(columns.update(&near(37.0), 400) && columns.searched == (-2..44));
-    // No more than the width, and a twelfth of a long range.
+    // At most the width, and a twelfth of a long range.
     assert!(!unseen(0, 50).update(&near(49.0), 50));
     let mut long = unseen(0, 130);
     assert!(long.update(&near(129.0), 400) && long.searched == (0..140));
     let mut long = unseen(0, 130);
     assert!(long.update(&near(129.0), 133) && long.searched == (0..133));
 
-    // A frame is idle that leaves more than the reserve and 16 others.
+    // A frame is idle if it leaves more than the reserve plus 16.
     let idle = |value| {
         let mut columns = unseen(0, 40);
         columns.update(&map(&[(value, 2500)]), 400);
@@ -289,7 +287,7 @@ fn the_range_follows_what_comes_nearer_and_forgets_what_is_gone() {
     };
     assert_eq!((idle(17.0), idle(16.0)), (0, 1));
 
-    // What is not seen fades by a 32nd with each frame, and is cut off 90 frames after.
+    // Disparities that are not seen fade by a 32nd with each frame, and are cut off 90 frames later.
     let before = columns.shares[39];
     assert!(!columns.update(&usual, 400));
     assert_eq!(columns.shares[39], before - before / 32);
@@ -408,7 +406,7 @@ fn rig(shift: f64, straightens: i64) -> Rig {
     rig
 }
 
-/// The text with other JSON, whose checksum is right.
+/// The text with other JSON and a correct checksum.
 fn signed(json: &str) -> String {
     let mut digest = Digest::default();
     digest.add(json.bytes());
@@ -500,7 +498,7 @@ fn a_text_of_which_anything_was_changed_is_refused_or_a_rig_that_can_be_used() {
         let changed = String::from_utf8(changed).expect("ASCII");
         assert!(changed == json || read(&text.replace(json, &changed)).is_err(), "a wrong checksum");
 
-        // A right one: what is read can be asked, saved, and learn.
+        // A valid one: the result can be queried, saved, and updated.
         let Ok(mut rig) = read(&signed(&changed)) else { continue };
         read_all += 1;
         check(&rig, &[], Some(400.0)).expect("limits");
@@ -520,7 +518,7 @@ fn rows_blur_and_health_of_a_rig_change_where_frames_say_so() {
     let sentences = |rig: &Rig| -> Vec<String> {
         rig.events.all()[2..].iter().map(|event| format!("{} {}", event.frame, event.sentence)).collect()
     };
-    // So many frames until rows are straightened, or no more.
+    // Number of frames until rows are straightened, or no longer are.
     let frames = |shift, straightens| {
         let mut rig = rig(shift, straightens);
         let settled = (1..50).find(|_| {
@@ -561,7 +559,7 @@ fn rows_blur_and_health_of_a_rig_change_where_frames_say_so() {
     let expected = expected.into_iter().fold(0.125, |health, wrong| health + (wrong - health) / 8.0);
     assert!((rig.health.expect("known") - expected).abs() < 1e-12);
 
-    // Images of another size are of other cameras.
+    // Images of another size come from other cameras.
     rig.suit(SIZE, false, &Settings::default());
     assert!(rig.geometry.is_some());
     rig.suit((300, 401), false, &Settings::default());

@@ -150,7 +150,7 @@ fn the_choice_is_that_of_a_naive_one() {
 
 #[test]
 fn the_detail_of_a_map_is_the_mean_factor_of_the_copies_that_decided() {
-    // Sure of this disparity up to a column: the copy knows the left half, and a copy of its own the right
+    // Certain of this disparity up to a column: the copy knows the left half, and a copy of its own the right
     // one.
     let certain = |size: (usize, usize), disparity: f32, from: usize| Disparity {
         disparity: Plane::from_fn(size.0, size.1, |_, _| disparity),
@@ -175,7 +175,7 @@ fn the_detail_of_a_map_is_the_mean_factor_of_the_copies_that_decided() {
     assert_eq!(fine.flags, expected.map(|_| flag::FILLED | flag::COARSE));
     assert!(fine.detail.is_some_and(|detail| (detail - 8_f64.sqrt()).abs() < 1e-9));
 
-    // Where none decides, there is nothing to say.
+    // If none decides, there is nothing to report.
     let mut alone = certain((120, 160), 5.0, 160);
     conclude(&mut alone);
     assert_eq!(alone.detail, None);
@@ -226,7 +226,7 @@ fn a_copy_is_the_mean_of_squares_and_its_range_covers_that_of_the_pair() {
     assert_eq!(halved(&narrow), None);
 }
 
-/// A pair whose texture is so faint and noisy that only copies match.
+/// A pair with texture so faint and noisy that only copies match.
 fn blocks() -> Pair {
     let texture = |y: usize, x: f32| {
         let cell = |x: usize| random(11, y / 16, x) * 50.0;
@@ -287,8 +287,7 @@ fn copies_decide_where_the_pair_has_no_evidence_with_the_same_bits_everywhere() 
     assert!(right(&found) > right(&alone) + 260 * 300 / 20, "{} {}", right(&found), right(&alone));
 }
 
-/// A wall 30 px off, a board in front of it 120 px off, and a stretch in which the images have nothing to do
-/// with each other.
+/// A wall 30 px off, a board in front of it 120 px off, and a stretch in which the images are unrelated.
 fn deep() -> Pair {
     let truth = |y: usize, x: usize| if y < 300 && (400..700).contains(&x) { 120 } else { 30 };
     let texture = |y: usize, x: usize| (hash(40, y / 2, x / 2) % 200) as u8;
@@ -335,7 +334,7 @@ fn a_panel_is_searched_where_its_copy_matches() {
             assert_eq!(end - start, 64, "{y}, {x}");
         }
     }
-    // Where nothing matches all are searched.
+    // Where nothing matches, all are searched.
     assert_eq!((span(700, 300), span(803, 899)), ((0, 400), (0, 400)));
 
     for (threads, level) in levels().into_iter().map(|level| (1, level)).chain([(3, Level::best())]) {

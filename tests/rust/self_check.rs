@@ -1,5 +1,5 @@
-//! Digests of matches are those of every platform at every level, for any threads; and the pairs show what
-//! they should.
+//! Digests of matches are those of every platform at every level, for any threads; and the pairs show the
+//! right things.
 
 use crate::common::levels;
 use phasestereo::internals::estimation::facts::Facts;

@@ -1,4 +1,4 @@
-//! The guided filter, against each window by itself.
+//! The guided filter, compared with each window by itself.
 
 use crate::common::{at_every_level, grays, hash, random};
 use crate::reference;

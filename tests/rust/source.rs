@@ -1,4 +1,4 @@
-//! Pairs that are read a few rows at a time: what is found out about them is that of whole ones, to the bit.
+//! Pairs that are read a few rows at a time: their results equal those of whole ones, bit for bit.
 
 use crate::common::estimates::{estimate, estimate_by_rows};
 use crate::common::parts::{Slow, Stored};
@@ -24,7 +24,7 @@ use proptest::sample::select;
 
 /// Disparity of every pixel of a scene.
 const SHIFT: usize = 6;
-/// The least rows that an estimation of blur asks for at a time: those of a block.
+/// The fewest rows that an estimation of blur requests at a time: those of a block.
 const LEAST_ROWS: usize = 64;
 
 /// Squares of many sizes, seen by a camera `shift` pixels further left.
@@ -77,7 +77,7 @@ fn array<T>(plane: &Plane<f32>, pixel: impl Fn(f32) -> T) -> Array3<T> {
     Array3::from_shape_fn((plane.rows(), plane.cols(), 1), |(y, x, _)| pixel(plane.row(y)[x]))
 }
 
-/// An image of pixels of one type, which no narrower one holds: 0 bytes, 1 words, 2 and 3 floats.
+/// An image of pixels of one type that no narrower one holds: 0 bytes, 1 words, 2 and 3 floats.
 fn input(plane: &Plane<f32>, kind: usize) -> Input {
     let image = match kind {
         0 => Image::U8(array(plane, |value| value as u8)),
@@ -94,8 +94,8 @@ fn pair(inputs: [Input; 2]) -> Stored {
     Stored::new(inputs, 0, count)
 }
 
-/// Rows in which nothing is valid: at both ends of the image, around the borders of parts, more than masked
-/// rows copy from.
+/// Rows in which nothing is valid: at both ends of the image, around the borders of parts, further than
+/// masked rows copy from.
 fn empty_rows(y: usize, rows: usize) -> bool {
     y < 3 || (60..70).contains(&y) || (190..320).contains(&y) || y + 40 > rows
 }
@@ -187,7 +187,7 @@ fn curve() -> Taps {
     }))
 }
 
-/// Each of several blurs is measured on its best tiles, which lie anywhere.
+/// Each of several blurs is measured on its best tiles, which may be anywhere.
 #[test]
 fn measured_kernels_of_some_rows_are_those_of_the_whole() {
     let even = Taps::new(3, vec![1.0; 49]);
@@ -237,8 +237,8 @@ fn images_without_texture_or_valid_pixels_have_no_estimate() {
     check(&nowhere, &estimated(&nowhere, None, 1));
 }
 
-/// The image as if compressed in blocks of 8 x 8 pixels, which begin anywhere: each is off by a gray value of
-/// its own.
+/// The image as if compressed in blocks of 8 x 8 pixels, which begin anywhere: each is off by its own gray
+/// value.
 fn in_blocks(plane: &Plane<f32>, seed: u64) -> Plane<f32> {
     Plane::from_fn(plane.rows(), plane.cols(), |y, x| {
         let off = hash(seed, (y + 3) / 8, (x + 6) / 8) % 7;
@@ -357,7 +357,7 @@ fn roughness_of(view: &View) -> Roughness {
 }
 
 /// Compares conversions and roughness, read by at most this many rows, with those of the whole. Every row is
-/// read once, in order, for its range, and as far as needed to see that the pixels are floats.
+/// read once, in order, for its range, and only until it is clear that the pixels are floats.
 fn check_scales(stored: &Stored, most_rows: usize) -> std::result::Result<(), TestCaseError> {
     let source = Slow::new(stored, most_rows);
     let control = Control::default();
@@ -415,7 +415,7 @@ fn ranges_of_large_images_are_those_of_their_sample() {
 
 #[test]
 fn an_image_whose_sample_is_of_one_value_has_the_range_of_all() {
-    // Of 256 x 1024 pixels every fourth is looked at.
+    // Every fourth of 256 x 1024 pixels is sampled.
     let odd = |value: f32| Plane::from_fn(256, 1024, |y, x| if (y, x) == (200, 2) { value } else { 9.0 });
     for (value, most_rows) in [(30.0, 64), (-30.0, 256), (9.0, 64)] {
         let views = [odd(value), odd(9.5)].map(|plane| input(&plane, 2));
@@ -467,7 +467,7 @@ fn empty_rows_are_as_rough_as_those_they_copy_from_other_parts() {
 /// Work on a source, by rows.
 type RowWork = fn(&Slow, &Matcher, &Control) -> Result<()>;
 
-/// Everything that is worked out by rows.
+/// Everything that is computed by rows.
 const ROW_WORKS: [RowWork; 3] = [
     |source, _, control| source.conversions(control).map(drop),
     |source, _, control| roughness(source, 0.0, Level::best(), control).map(drop),

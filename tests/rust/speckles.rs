@@ -1,4 +1,4 @@
-//! Small regions, against a flood fill from every pixel.
+//! Small regions, compared with a flood fill from every pixel.
 
 use crate::common::maps::{FlaggedMap, maps};
 use crate::common::{at_every_level, levels, random};

@@ -1,4 +1,4 @@
-//! Offsets between candidates against their definition, and smoothing against a sum pair by pair.
+//! Offsets between candidates compared with their definition, and smoothing with a sum pair by pair.
 
 #![expect(clippy::float_cmp, reason = "what is compared here is exact, or the same to the bit")]
 

@@ -1,4 +1,4 @@
-//! Maps that explain a soft image best, against the reference implementation.
+//! Maps that best explain a soft image, compared with the reference implementation.
 
 use crate::common::maps::{FlaggedMap, bits, drawn};
 use crate::common::naive::synthesized;

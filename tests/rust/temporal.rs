@@ -1,4 +1,4 @@
-//! The temporal filter, against the recurrence as it is written down, pixel by pixel.
+//! The temporal filter, compared with its recurrence, pixel by pixel.
 
 use crate::common::maps::bits;
 use crate::common::{at_every_level, gray_of, hash, levels, mask, random, view, with_runtime};
@@ -21,14 +21,14 @@ use phasestereo_match::settings::Settings;
 use phasestereo_match::settings::presets::Preset;
 use proptest::prelude::*;
 
-/// One frame to be filtered.
+/// A frame to filter.
 #[derive(Debug, Clone)]
 struct Frame {
     pair: Pair,
     map: Disparity,
 }
 
-/// What comes of a frame: bits of disparities, flags, bits of confidences and of error bars, support.
+/// The result of a frame: bits of disparities, flags, bits of confidences and of error bars, support.
 type Seen = (Vec<u32>, Vec<u16>, [Option<Vec<u32>>; 2], Vec<u8>);
 
 fn seen(map: &Disparity, support: &Plane<u8>) -> Seen {
@@ -43,12 +43,12 @@ fn seen(map: &Disparity, support: &Plane<u8>) -> Seen {
 
 fn map(disparity: Plane<f32>, flags: Plane<u16>, confidence: Option<Plane<f32>>) -> Disparity {
     let timings = Timings::default();
-    // Bars of their own, which no confidence stands in for.
+    // Separate bars, which differ from the confidences.
     let uncertainty = confidence.as_ref().map(|plane| plane.map(|value| 3.0 - value));
     Disparity { disparity, flags, confidence, uncertainty, wrong: None, detail: None, timings }
 }
 
-/// What the filter makes of a sequence.
+/// The result of the filter for a sequence.
 fn filtered(frames: &[Frame], level: Level) -> Vec<Seen> {
     let mut filter = TemporalFilter::new();
     with_runtime(1, level, |runtime| {
@@ -129,7 +129,7 @@ impl NaiveView {
             let width = if scale.width() > 0.0 { scale.width() } else { 1.0 };
             (scale.pixel(scale.range()[0].into()), 255.0 / width)
         });
-        // The range is that of the first frame, and each has steps of its own.
+        // The range is that of the first frame, but each frame has its own steps.
         let (black, factor) = ((scale.pixel(0.0) - black) * factor, factor / scale.steps(1.0));
         let (black, factor) = (black as f32, factor as f32);
 
@@ -335,8 +335,8 @@ fn the_result_does_not_depend_on_threads_and_large_images_are_sampled() {
     assert_eq!(one, on(3));
 }
 
-/// A frame of a scene whose pixels are a little off by `noise`, with one disparity in every other four rows,
-/// the middle ones too, and 4 in those between.
+/// A frame of a scene whose pixels are slightly off by `noise`, with one disparity in every other four rows,
+/// including the middle ones, and 4 in those between.
 fn still(shift: usize, noise: u64, disparity: f32, size: (usize, usize)) -> Frame {
     let pixel = |seed, y, x| {
         let scene = hash(7, y / 9, (x + shift) / 9) % 180;
@@ -409,7 +409,7 @@ fn a_cut_is_a_new_beginning() {
     assert!(found[1].3.iter().all(|count| *count == 2));
     let own = frames[2].map.disparity.as_slice();
     let as_it_is = found[2].0.iter().zip(own).filter(|(bits, own)| **bits == own.to_bits());
-    // Some tiles of another scene happen to be of the same gray value.
+    // Some tiles of another scene happen to have the same gray value.
     assert!(as_it_is.count() * 100 > 95 * own.len());
 }
 

@@ -23,7 +23,7 @@ use phasestereo_match::settings::{CostKind, Settings};
 const ROWS: usize = 40;
 const COLS: usize = 37;
 
-/// A pair of unlike views, with masks or without.
+/// A pair of different views, with or without masks.
 fn views(is_masked: bool) -> [View; 2] {
     [1, 2].map(|seed| {
         let view = view(ROWS, COLS, |y, x| hash(seed, y, x) as u8);
@@ -72,18 +72,18 @@ fn own() -> Disparity {
     }
 }
 
-/// Settings that need no noise to be known.
+/// Settings for which the noise need not be known.
 fn settings() -> Settings {
     Settings { noise_threshold: 0.0, ..Preset::Robust.settings() }
 }
 
-/// The costs of a pair of which any two columns can be compared.
+/// The costs of a pair, between any two columns.
 fn any_columns<'a>(views: [&'a View; 2], settings: &Settings) -> Costs<'a> {
     let any = Candidates::new(0, 1, COLS).expect("legal");
     Costs::new(views, any, settings, None, levels()[0], &Control::default()).expect("memory")
 }
 
-/// Window around a place, as far as the image has it.
+/// Window around a place, within the image.
 fn window(y: usize, x: usize, radius: usize) -> impl Iterator<Item = (usize, usize)> {
     let rows = y.saturating_sub(radius)..(y + radius + 1).min(ROWS);
     rows.flat_map(move |v| {

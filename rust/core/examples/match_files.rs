@@ -1,5 +1,5 @@
-//! Matches two PNG files and writes their disparities as a PNG of 16 bits, 256 steps a pixel, 0 where there
-//! are none: the format of KITTI.
+//! Matches two PNG files and writes their disparities as a 16-bit PNG, 256 steps per pixel, 0 where missing:
+//! the format of KITTI.
 //!
 //! ```text
 //! cargo run --release --package phasestereo --features image,image/png \
@@ -11,7 +11,7 @@ use std::error::Error;
 use image::{ImageBuffer, Luma};
 use phasestereo::{Image, Matcher, Plane, Settings};
 
-/// Steps of the file for each pixel of disparity.
+/// Steps of the file per pixel of disparity.
 const STEPS: f32 = 256.0;
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -23,7 +23,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         Ok(Image::try_from(image::open(name).map_err(|error| format!("{name}: {error}"))?)?)
     };
 
-    // Whatever is not known is estimated from the images.
+    // Everything unknown is estimated from the images.
     let matcher = Matcher::new(Settings::default(), None)?;
     let found = matcher.match_pair(read(left)?, read(right)?, None)?;
     for finding in &found.findings {

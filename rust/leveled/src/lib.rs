@@ -1,5 +1,5 @@
-//! The attribute of functions that are compiled for each instruction-set level, which the formatter and
-//! editors read as functions. What it means is written in `phasestereo_match::base::simd`.
+//! The attribute for functions that are compiled for each instruction-set level, which the formatter and
+//! editors read as functions. Its meaning is documented in `phasestereo_match::base::simd`.
 
 use proc_macro::{Delimiter, Group, TokenStream, TokenTree};
 

@@ -1,4 +1,4 @@
-//! Disparity maps to be refined: patches, slopes and noise, with flags and missing estimates.
+//! Disparity maps to refine: patches, slopes and noise, with flags and missing estimates.
 
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::plane::Plane;

@@ -1,4 +1,4 @@
-//! Generators that the tests of several stages share: settings, images and volumes, awkward ones included.
+//! Generators that the tests of several stages share: settings, images and volumes, including awkward ones.
 
 pub mod estimates;
 pub mod maps;
@@ -39,7 +39,7 @@ pub const OPTIMIZERS: [Optimizer; 4] = [
     Optimizer::SemiGlobal,
 ];
 
-/// So many random examples, the same in every run and on every machine.
+/// This many random examples, the same in every run and on every machine.
 pub fn random(cases: u32) -> ProptestConfig {
     let rng_seed = RngSeed::Fixed(0);
     let failure_persistence = None;
@@ -47,7 +47,7 @@ pub fn random(cases: u32) -> ProptestConfig {
     ProptestConfig { cases, rng_seed, failure_persistence, max_shrink_iters: 200, ..<_>::default() }
 }
 
-/// Works with a matcher of so many threads.
+/// Works with a matcher that has this many threads.
 pub fn with_runtime<T>(threads: usize, level: Level, work: impl FnOnce(Runtime) -> T) -> T {
     let (matcher, control) = (Matcher::new(threads).expect("threads"), Control::default());
     work(Runtime { matcher: &matcher, execution: Execution { threads, level }, control: &control })
@@ -78,7 +78,7 @@ pub fn widths() -> impl Strategy<Value = usize> {
     prop_oneof![3 => 1usize..=12, 1 => select(near)]
 }
 
-/// Legal descriptors of any family; small sizes are frequent, as frequencies meet their bounds there.
+/// Legal descriptors of any family; small sizes are frequent, since frequencies reach their bounds there.
 pub fn descriptors() -> impl Strategy<Value = Settings> {
     let size = prop_oneof![6 => 1usize..=5, 1 => 6usize..=31].prop_map(|radius| 2 * radius + 1);
 
@@ -102,7 +102,7 @@ pub fn descriptors() -> impl Strategy<Value = Settings> {
 
 /// Legal descriptors, many of them with a weak level where one is allowed.
 pub fn weak_descriptors() -> impl Strategy<Value = Settings> {
-    // Where the code would be too long: first without a weak level, then of one size.
+    // If the code would be too long: first without a weak level, then of one size.
     let weak = prop_oneof![1 => Just(0.0), 1 => Just(100.0), 6 => 0.01..4.0f64];
     (descriptors(), weak, 1usize..=2).prop_map(|(descriptor, weak, sizes)| {
         let wanted = [(weak, sizes), (0.0, sizes), (weak, 1)];
@@ -206,7 +206,7 @@ pub fn settings() -> impl Strategy<Value = Settings> {
     )
 }
 
-/// Legal settings of refinement; all else is as in the paper.
+/// Legal settings of refinement; everything else is as in the paper.
 pub fn refinements() -> impl Strategy<Value = Settings> {
     let consistency = prop::option::of(select(vec![0, 1, 2, MOST_DISPARITIES]));
     let uniqueness = prop_oneof![2 => Just(0), 1 => 1..=100usize];
@@ -242,7 +242,7 @@ pub fn refinements() -> impl Strategy<Value = Settings> {
     )
 }
 
-/// The settings that a pair is matched with by default, without the estimation of its rig.
+/// The default settings for matching a pair, without the estimation of its rig.
 pub fn robust() -> Settings {
     Settings {
         compensate_blur: false,
@@ -266,7 +266,7 @@ pub fn every_descriptor(neighborhood: usize) -> impl Iterator<Item = Settings> {
     )
 }
 
-/// Gray planes from 1x1 up, of full range or of so few values that there are many ties.
+/// Gray planes from 1x1 up, of full range or with few enough values that there are many ties.
 pub fn grays(largest: usize) -> impl Strategy<Value = Plane<i32>> {
     let values = prop_oneof![Just(0..=2), Just(-32_767_500..=32_767_500)];
     (1..=largest, 1..=largest, values).prop_flat_map(|(rows, cols, values)| {
@@ -287,7 +287,7 @@ pub fn volumes(
         .prop_map(move |data| Plane::from_vec(rows, length, data).expect("the right length"))
 }
 
-/// The gray values of an image by itself.
+/// The gray values of a single image.
 pub fn gray_of(input: impl Into<Input>) -> View {
     view_of_input(input.into()).expect("memory")
 }
@@ -356,7 +356,7 @@ pub fn mask(rows: usize, cols: usize, percent: u64, seed: u64) -> Mask {
 
 /// A scene and its negative, of 11 x 42 pixels: every bit of their codes differs, and at disparity 0 only 8
 /// pairs are valid, in one column. Three pixels in a row share a value; one is valid on the left and the
-/// others on the right, so the masks hide nothing of the scene.
+/// others on the right, so the masks do not hide any of the scene.
 pub fn eight_valid_pairs() -> [View; 2] {
     let in_both = |y, x| x == 18 && y < 8;
     let valid = [0, 1]

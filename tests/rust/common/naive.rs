@@ -35,7 +35,7 @@ pub struct ResultBits {
     pub uncertainty: Option<Vec<u32>>,
 }
 
-/// Shows sums of the values: a failing assertion tells which map differs, in a line.
+/// Shows sums of the values: a failing assertion reports which map differs, in a line.
 impl fmt::Debug for ResultBits {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let sum = |bits: &[u32]| bits.iter().map(|&value| u64::from(value)).sum::<u64>();
@@ -135,8 +135,8 @@ fn phase_costs(
     })
 }
 
-/// Codes of an image. Smoothed ones are in sixteenths of a byte, or have four more bits, or as many as leave
-/// them below 2^17; ones under a kernel have four more bits, or as many as leave them below 2^25.
+/// Codes of an image. Smoothed ones are in sixteenths of a byte, or have four more bits, or the number that
+/// keeps them below 2^17; ones under a kernel have four more bits, or the number that keeps them below 2^25.
 fn codes(
     view: &View,
     smoothing: f64,
@@ -154,7 +154,7 @@ fn codes(
     };
 
     if smoothing > 0.0 {
-        // Bytes come out on one scale, with or without color.
+        // Bytes end up on one scale, with or without color.
         let is_of_bytes = matches!(reach, 128 | 2048);
         let smoothed = if is_of_bytes { 2048 } else { reach << most(reach, 1 << 17) };
 
@@ -174,7 +174,7 @@ fn codes(
     reference::describe(&values, settings, threshold)
 }
 
-/// Codes of gray values of this scale, which are smoothed already.
+/// Codes of gray values of this scale, which are already smoothed.
 fn codes_of(
     gray: &Gray,
     values: &Plane<i32>,
@@ -343,7 +343,7 @@ fn gray_level(view: &View) -> f64 {
     if white > black { (white - black) / 255.0 } else { 1.0 }
 }
 
-/// What a window of unrelated codes costs, in steps of the aggregated costs: a third of the bits.
+/// The cost of a window of unrelated codes, in steps of the aggregated costs: a third of the bits.
 fn unrelated(pair: &Pair, settings: &Settings) -> Option<u32> {
     let (window, _) = window(pair, settings);
     let pixels = f64::from(window.area()) / f64::from(1 << window.dropped);
@@ -403,7 +403,7 @@ fn ambiguous(found: &PixelEvidence, percent: f64) -> u16 {
     if !is_unique && f64::from(found.best) * 100.0 > least { flag::AMBIGUOUS } else { 0 }
 }
 
-/// Disparities and flags, of the map as a whole.
+/// Disparities and flags of the map as a whole.
 fn refined(
     pair: &Pair,
     (mut disparity, mut flags): (Plane<f32>, Plane<u16>),
@@ -445,7 +445,7 @@ fn refined(
     (disparity, flags)
 }
 
-/// The map that explains the soft image of a pair best.
+/// The map that best explains the soft image of a pair.
 pub fn synthesized(disparity: &Plane<f32>, pair: &Pair, settings: &Settings) -> Plane<f32> {
     let (views, (rows, cols)) = (pair.views(), pair.size());
     let compensation = pair.blur_compensation().expect("kernels");
@@ -472,7 +472,7 @@ pub fn synthesized(disparity: &Plane<f32>, pair: &Pair, settings: &Settings) -> 
     reference::synthesize(disparity, soft)
 }
 
-/// Flags of the pixel at `(y, x)`, by the votes for each of its candidates.
+/// Flags of the pixel at `(y, x)`, from the votes for each of its candidates.
 fn flags(pair: &Pair, votes: &[u16], (y, x): (usize, usize), chosen: usize) -> u16 {
     if !pair.views()[0].is_valid(y, x) {
         return flag::MASKED;

@@ -16,7 +16,7 @@ use phasestereo_match::pair::blur_compensation::BlurCompensation;
 use phasestereo_match::pair::candidates::Candidates;
 use phasestereo_match::pair::source::{Source, conversions};
 
-/// A pair as it is stored, and in gray.
+/// A pair in its stored form, and in gray.
 #[derive(Debug, Clone)]
 pub struct Stored {
     pub inputs: [Input; 2],
@@ -37,7 +37,7 @@ impl Stored {
         self
     }
 
-    /// Rows as they are stored.
+    /// Rows in their stored form.
     fn cut(&self, rows: &Range<usize>) -> [Input; 2] {
         self.inputs.each_ref().map(|input| input_of(input, rows))
     }
@@ -64,7 +64,7 @@ pub fn compensated(pair: Pair, compensation: impl Into<Option<BlurCompensation>>
     pair.with_blur_compensation(compensation.into(), level, &control).expect("memory")
 }
 
-/// A pair in memory that gives at most this many rows at a time, with a record of what was read.
+/// A pair in memory that returns at most this many rows at a time, with a record of all reads.
 pub struct Slow {
     pub stored: Stored,
     pub most_rows: usize,
@@ -93,7 +93,7 @@ impl Slow {
         Ok(())
     }
 
-    /// How the pair becomes gray, of which the first row is known.
+    /// How to convert the pair to gray, given the first row.
     pub fn conversions(&self, control: &Control) -> Result<[Conversion; 2]> {
         let first = self.stored.cut(&(0..1));
         let read = |rows: Range<usize>| {
