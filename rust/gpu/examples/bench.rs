@@ -1,5 +1,5 @@
-//! Times the search by the core and by a GPU on a pair that is made here, and compares their bits:
-//! `make bench-gpu ARGS="a part of the name of an adapter"`.
+//! Times the search by the core and by a GPU on a generated pair, and compares their bits: `make bench-gpu
+//! ARGS="part of the name of an adapter"`.
 
 use std::num::NonZero;
 use std::ops::Range;
@@ -23,10 +23,10 @@ use phasestereo_match::settings::{Optimizer, Settings};
 
 /// Rows, columns and candidates.
 const SIZES: [[usize; 3]; 3] = [[480, 640, 64], [1080, 1920, 128], [1080, 1920, 256]];
-/// Matches of which the fastest counts, after one that compiles kernels and takes memory.
+/// Matches, the fastest of which counts, after one that compiles kernels and allocates memory.
 const RUNS: usize = 5;
 
-/// A GPU, and the time that it has taken.
+/// A GPU, and the time it has taken.
 #[derive(Debug)]
 struct Timed {
     gpu: Gpu,

@@ -1,4 +1,4 @@
-//! Adapters, the device of one of them, and what has failed.
+//! Adapters, the device of one of them, and the first failure.
 
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
@@ -6,10 +6,10 @@ use std::time::Duration;
 use phasestereo_match::base::error::{Error, Result};
 use pollster::block_on;
 
-/// Longest time that a part of a chunk may take: a driver that hangs resets its device sooner.
+/// Longest time that a part of a chunk may take: drivers reset a hanging device sooner.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// What kind of device an adapter is; those that are tried first come first.
+/// The kind of an adapter's device; those that are tried first come first.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Kind {
     /// A GPU with memory of its own.
@@ -20,7 +20,7 @@ pub enum Kind {
     Virtual,
     /// Of unknown kind.
     Other,
-    /// A driver that computes on the processor, more slowly than the core does: used only by its name.
+    /// A driver that computes on the processor, more slowly than the core: used only by name.
     Processor,
 }
 
@@ -29,11 +29,11 @@ pub enum Kind {
 pub struct Adapter {
     /// The name of the device.
     pub name: String,
-    /// What kind of device it is.
+    /// The kind of the device.
     pub kind: Kind,
     /// The interface, `vulkan` or `metal`.
     pub backend: &'static str,
-    /// The driver and its version, as it names itself; may be empty.
+    /// The driver and its version, in its own words; may be empty.
     pub driver: String,
 }
 
@@ -52,8 +52,8 @@ impl Adapter {
     }
 }
 
-/// All adapters that Vulkan or Metal offers, in the order in which they are tried; none without a loader or a
-/// driver.
+/// All adapters that Vulkan or Metal offers, in the order in which they are tried; empty without a loader or
+/// a driver.
 pub fn adapters() -> Vec<Adapter> {
     found().into_iter().map(|(adapter, _)| adapter).collect()
 }
@@ -72,7 +72,7 @@ fn found() -> Vec<(Adapter, wgpu::Adapter)> {
     all
 }
 
-/// Where callbacks of the driver leave the first failure.
+/// Where the driver's callbacks store the first failure.
 type Failure = Arc<Mutex<Option<String>>>;
 
 fn fail(failure: &Failure, reason: String) {

@@ -7,7 +7,7 @@ use phasestereo_match::optimization::tasks::Task;
 
 use crate::device::Device;
 
-/// What is kept from one task to the next.
+/// The state kept from one task to the next.
 #[derive(Debug)]
 pub struct Memory {
     shader: &'static str,
@@ -15,7 +15,7 @@ pub struct Memory {
     kernels: HashMap<u32, Kernels>,
     /// Each is replaced when a task needs a larger one.
     buffers: [Option<wgpu::Buffer>; BUFFERS],
-    /// What the processor reads.
+    /// The buffer that the processor reads.
     read: Option<wgpu::Buffer>,
 }
 
@@ -33,7 +33,7 @@ impl Memory {
         Self { shader, kernels: HashMap::new(), buffers: Default::default(), read: None }
     }
 
-    /// What is found for a task; `None`: the device failed.
+    /// The result of a task; `None`: the device failed.
     pub fn run(&mut self, device: &Device, task: &Task) -> Option<Vec<u32>> {
         let kernels = self
             .kernels
@@ -86,7 +86,7 @@ impl Memory {
     }
 }
 
-/// A buffer of at least this size: the one that is there, or a new one.
+/// A buffer of at least this size: the existing one, or a new one.
 fn fit<'a>(
     buffer: &'a mut Option<wgpu::Buffer>,
     device: &Device,

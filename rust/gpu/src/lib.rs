@@ -1,7 +1,7 @@
 //! The search of `phasestereo` on a GPU, with the same bits.
 //!
-//! [`Gpu`] is an [`Engine`]: a matcher that has one asks it for the candidates of each chunk of bands, and
-//! the processor does the rest, as well as every chunk that the GPU does not take. `phasestereo::Matcher` has
+//! [`Gpu`] is an [`Engine`]: a matcher that has one asks it for the candidates of each chunk of bands; the
+//! processor does the rest, including every chunk that the GPU does not support. `phasestereo::Matcher` has
 //! the same method:
 //!
 //! ```no_run
@@ -20,14 +20,14 @@
 //! # Ok::<(), phasestereo_match::base::error::Error>(())
 //! ```
 //!
-//! It takes what [`tasks::choose`] takes, as the searches of the presets `fast` and `robust`, and leaves to the
-//! processor what its memory does not hold.
+//! It supports the same chunks as [`tasks::choose`], such as the searches of the presets `fast` and `robust`,
+//! and leaves those that do not fit its memory to the processor.
 //!
-//! The feature `python` makes the extension module of the Python distribution `phasestereo-gpu` of it.
+//! The feature `python` turns it into the extension module of the Python distribution `phasestereo-gpu`.
 //!
-//! [`SHADER`] has all kernels and describes them. It needs no optional feature of WebGPU. All arithmetic is that
-//! of integers, so a driver either computes the bits of the core or is wrong; the tests here compare the two on
-//! any adapter, as Mesa's lavapipe, which needs no GPU.
+//! [`SHADER`] contains and describes all kernels. It does not need any optional feature of WebGPU. All
+//! arithmetic is on integers, so a driver either computes the bits of the core or is wrong; the tests here
+//! compare the two on any adapter, for example Mesa's lavapipe, which does not need a GPU.
 
 mod device;
 mod kernels;
@@ -59,16 +59,16 @@ pub struct Gpu {
 }
 
 impl Gpu {
-    /// The first adapter whose name contains `name`, whatever its letters' case; `None`: the first one that
-    /// is not a processor, discrete ones before others. An error names the adapters if none is of this name, or
-    /// says why it cannot be opened.
+    /// The first adapter whose name contains `name`, in any letter case; `None`: the first one that is not a
+    /// processor, discrete ones before others. If no adapter has this name, the error lists the adapters; if
+    /// it cannot be opened, the error has the reason.
     pub fn new(name: Option<&str>) -> Result<Self> {
         let (device, memory) = (Device::open(name)?, Mutex::new(Memory::new(SHADER)));
         Ok(Self { device, memory, most_bytes: MOST_BYTES })
     }
 
-    /// The same with at most this many bytes for each of the volumes of costs and totals, of which `"so"` has
-    /// two and `"sgm"` three; by default 256 MiB. Chunks are cut into parts for that.
+    /// Limits each of the volumes of costs and totals, of which `"so"` has two and `"sgm"` three, to this
+    /// many bytes; the default is 256 MiB. Chunks are cut into parts to fit.
     pub fn with_memory(self, most_bytes: u64) -> Self {
         Self { most_bytes, ..self }
     }
@@ -78,7 +78,7 @@ impl Gpu {
         &self.device.adapter
     }
 
-    /// What it can do.
+    /// The limits of the device.
     pub fn limits(&self) -> Limits {
         let limits = self.device.limits();
         let threads = limits.max_compute_invocations_per_workgroup.min(limits.max_compute_workgroup_size_x);
@@ -86,7 +86,7 @@ impl Gpu {
         Limits { threads: threads.into(), buffer, volume: self.most_bytes }
     }
 
-    /// What the kernels find for a task; `None`: it failed, and [`Engine::failure`] says why.
+    /// The result of the kernels for a task; `None`: it failed, and [`Engine::failure`] has the reason.
     pub fn run(&self, task: &Task) -> Option<Vec<u32>> {
         let mut memory = self.memory.lock().ok()?;
         if self.failure().is_some() {
@@ -104,8 +104,8 @@ impl Engine for Gpu {
         tasks::choose(rows, chunk, self.limits(), evidence, |task| self.run(task))
     }
 
-    /// The device was lost, had too little memory, or did not answer for a minute. From then on it is not asked
-    /// again.
+    /// The device was lost, had too little memory, or did not answer for a minute. From then on it is not
+    /// used again.
     fn failure(&self) -> Option<String> {
         self.device.failure()
     }

@@ -1,4 +1,5 @@
-//! `phasestereo_gpu._gpu`: see the stub beside the Python package for what each function takes and returns.
+//! `phasestereo_gpu._gpu`: the stub beside the Python package documents the arguments and results of each
+//! function.
 
 use std::process;
 
@@ -107,7 +108,7 @@ impl Drop for Gpu {
     }
 }
 
-/// A task whose numbers agree with its bytes, so that no size is beyond what it holds.
+/// A task whose numbers agree with its bytes, so that no size exceeds its data.
 fn checked(task: Task) -> PyResult<Task> {
     let [cols, rows, candidates, code, places, radius, ..] = task.numbers.map(u64::from);
     let [top, bottom, start, end] = [12, 13, 14, 15].map(|at| u64::from(task.numbers[at]));

@@ -1,5 +1,5 @@
-//! The engine against the core, bit by bit, on an adapter that the environment variable `PHASESTEREO_GPU`
-//! names a part of; by default Mesa's software driver for Vulkan, which computes on the processor.
+//! Compares the engine with the core, bit by bit, on an adapter whose name contains the environment variable
+//! `PHASESTEREO_GPU`; by default Mesa's software driver for Vulkan, which computes on the processor.
 
 use std::ops::Range;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -28,7 +28,7 @@ use super::*;
 #[derive(Debug)]
 struct Compared {
     gpu: Gpu,
-    /// Values compared, those that differ, and chunks that were not taken.
+    /// Numbers of values compared, of those that differ, and of chunks that were not supported.
     values: AtomicUsize,
     different: AtomicUsize,
     left: AtomicUsize,
@@ -73,7 +73,7 @@ impl Compared {
         self.different.fetch_add(different, Ordering::Relaxed);
     }
 
-    /// Values compared, those that differ, and chunks that were not taken.
+    /// Numbers of values compared, of those that differ, and of chunks that were not supported.
     fn counts(&self) -> [usize; 3] {
         [&self.values, &self.different, &self.left].map(|count| count.load(Ordering::Relaxed))
     }
@@ -92,7 +92,7 @@ fn gpu() -> Option<Gpu> {
     }
 }
 
-/// A pair, the part of it that is matched, the settings, and the bytes of a volume.
+/// A pair, the part of it to match, the settings, and the bytes of a volume.
 #[derive(Debug, Clone)]
 struct Job {
     pair: Pair,
@@ -102,7 +102,7 @@ struct Job {
 }
 
 impl Job {
-    /// Matches by an engine, and returns the bits of the map.
+    /// Matches with an engine, and returns the bits of the map.
     fn run(&self, engine: Option<Arc<dyn Engine>>) -> Vec<u32> {
         let matcher = Matcher::new(2).expect("threads");
         let matcher = match engine {
@@ -124,7 +124,7 @@ fn hash(seed: u64, y: usize, x: usize) -> u64 {
     bits ^ bits >> 31
 }
 
-/// A textured scene, and the same further left, by more in some blocks than in others, with some noise.
+/// A textured scene, and the same scene moved left, by more in some blocks than in others, with some noise.
 fn pair((rows, cols): (usize, usize), (min, count): (i64, i64), white: u64, seed: u64) -> Pair {
     let texture = |y: usize, x: i64| hash(seed, y / 2, (x + 1000) as usize) % (white + 1);
     let image = |side: u64| -> Input {
@@ -150,7 +150,7 @@ fn compensated(pair: Pair, kernels: Vec<[Option<Kernel>; 2]>, tile: usize) -> Pa
     pair.with_blur_compensation(Some(found), level, &control).expect("memory")
 }
 
-/// As many kernels of the right image as there may be, each of another size.
+/// The largest number of kernels for the right image, each with a different size.
 fn kernels() -> Vec<[Option<Kernel>; 2]> {
     let kernel = |n: usize| {
         let (rows, cols) = (1 + n % 4 * 2, 1 + n / 4 * 2);
@@ -160,7 +160,7 @@ fn kernels() -> Vec<[Option<Kernel>; 2]> {
     (0..MOST_CLASSES).map(|n| [None, (n > 0).then(|| kernel(n))]).collect()
 }
 
-/// Settings near those of the presets that a GPU takes.
+/// Settings near those of the presets that a GPU supports.
 fn settings() -> impl Strategy<Value = Settings> {
     let preset = select(vec![Preset::Fast, Preset::Robust]);
     let optimizer = select(vec![Optimizer::ScanlineOptimization, Optimizer::SemiGlobal]);
@@ -250,7 +250,7 @@ fn any_search_has_the_bits_of_the_core() {
     assert!(compared > 1_000_000 && left < 100, "{compared} values; {left} chunks not taken");
 }
 
-/// A pair with several panels, bands and workgroups, whose every kernel counts.
+/// A pair with several panels, bands and workgroups, in which every kernel matters.
 fn large(optimizer: Optimizer, count: i64) -> Job {
     let pair = pair((150, 201), (-3, count), 254, 3);
     // Along columns, the right image has several versions, too.
@@ -328,7 +328,7 @@ fn what_is_not_taken_is_left_to_the_core() {
     }
     assert_eq!(compared.counts(), [0, 0, all.len()]);
 
-    // A volume that memory does not hold.
+    // A volume that does not fit in memory.
     let gpu = Arc::into_inner(compared).expect("no matcher has it").gpu.with_memory(1 << 10);
     let compared = Compared::new(gpu);
     assert!(job.run(Some(compared.clone())) == job.run(None));

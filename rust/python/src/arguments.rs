@@ -26,12 +26,12 @@ use phasestereo_match::refinement::calibration::Tally;
 use phasestereo_match::settings::presets::Preset;
 use phasestereo_match::settings::{MOST_DISPARITIES, Settings};
 
-/// A pair of Python objects, usually for the left and for the right image.
+/// A pair of Python objects, usually for the left and the right image.
 pub type Both<'py> = (Bound<'py, PyAny>, Bound<'py, PyAny>);
 
 const KERNELS: &str = "pairs (left, right) of 2-D arrays of float32, or None";
 
-/// Least disparity and number of disparities; `None`: the range is estimated.
+/// Smallest disparity and number of disparities; `None`: the range is estimated.
 pub type Disparities = Option<(i64, i64)>;
 
 /// Reads (`min_disparity`, `num_disparities`), the latter an integer or None.
@@ -68,7 +68,7 @@ pub fn read_images(images: &Both<'_>, masks: &Both<'_>, search: Disparities) -> 
     Ok(images.0.py().detach(|| Pair::of_inputs(inputs, min, count))?)
 }
 
-/// The same of images of any sizes and types.
+/// The same for images of any sizes and types.
 pub fn read_any_images(images: &Both<'_>, masks: &Both<'_>, search: Disparities) -> Result<Pair> {
     let (min, count) = search.unwrap_or((0, 1));
     let inputs = read_inputs(images, masks)?;
@@ -106,8 +106,8 @@ pub fn read_input(image: &Bound<'_, PyAny>, mask: &Bound<'_, PyAny>, name: &str)
     Ok(Input { mask: read_mask(mask, (rows, cols), name)?, ..Input::from(image) })
 }
 
-/// Reads a mask of a given size, or None. True is whatever byte is not 0, as `NumPy` has it: arrays of bool
-/// may be views of any bytes, and most of those are no `bool` of Rust.
+/// Reads a mask of a given size, or None. Any nonzero byte is true, as in `NumPy`: arrays of bool may be
+/// views of any bytes, and most of those are not a valid `bool` in Rust.
 fn read_mask(mask: &Bound<'_, PyAny>, size: (usize, usize), name: &str) -> Result<Option<Mask>> {
     if mask.is_none() {
         return Ok(None);
@@ -135,7 +135,7 @@ fn copied<T: Element + Copy + Default>(array: &Bound<'_, PyArray3<T>>) -> Result
     Array3::from_shape_vec(dimensions, values(array)?).map_err(internal)
 }
 
-/// The values of an array in the order of its indices; an exception, not an abort, without the memory.
+/// The values of an array in the order of its indices; an exception, not an abort, if memory runs out.
 pub fn values<T, D>(array: &Bound<'_, PyArray<T, D>>) -> Result<Vec<T>>
 where
     T: Element + Copy + Default,
@@ -144,7 +144,7 @@ where
     let array = array.try_readonly().map_err(internal)?;
 
     let mut copy = zeroed(array.as_array().len())?;
-    // Those of Fortran are contiguous, too, in another order.
+    // Fortran arrays are contiguous, too, in another order.
     match array.as_slice() {
         Ok(values) if array.is_c_contiguous() => copy.copy_from_slice(values),
         _ => copy.iter_mut().zip(array.as_array()).for_each(|(copy, value)| *copy = *value),
@@ -216,7 +216,7 @@ impl<'py> Statistics<'py> {
     }
 }
 
-/// Reads the fields of `phasestereo.Alignment`; `None` for None, and where it is not applied.
+/// Reads the fields of `phasestereo.Alignment`; `None` for None, and if it is not applied.
 pub fn read_alignment(alignment: &Bound<'_, PyAny>) -> Result<Option<Alignment>> {
     if alignment.is_none() || !alignment.getattr("applied")?.is_truthy()? {
         return Ok(None);
@@ -318,7 +318,7 @@ pub fn read_threads(threads: &Bound<'_, PyAny>) -> Result<usize> {
     if threads.is_none() { Ok(usable_threads()) } else { natural(threads, "threads") }
 }
 
-/// Reads an integer of any type, but no bool.
+/// Reads an integer of any type except bool.
 fn integer(value: &Bound<'_, PyAny>, name: &'static str) -> Result<i64> {
     match value.call_method0("__index__") {
         // A huge integer is not printed: Python may refuse to.

@@ -1,4 +1,4 @@
-//! A device that searches: an object of another distribution, called with the words of a task.
+//! A device that searches: an object of another distribution that is called with the words of a task.
 
 use std::ops::Range;
 use std::sync::OnceLock;
@@ -14,8 +14,8 @@ use phasestereo_match::optimization::evidence::Evidence;
 use phasestereo_match::optimization::tasks::{self, Limits, Task};
 
 /// An object with `limits`, the numbers of [`Limits`], and a method `search` that takes the numbers, left and
-/// right codes and pixels of a [`Task`] and returns the bytes of the words that its kernels find. The first
-/// exception ends its use.
+/// right codes and pixels of a [`Task`] and returns the resulting words as bytes. The first exception ends
+/// its use.
 #[derive(Debug)]
 pub struct Device {
     object: Py<PyAny>,
@@ -30,7 +30,7 @@ impl Device {
         Ok(Self { object: object.unbind(), limits, failure: OnceLock::new() })
     }
 
-    /// What it finds for a task; `None`: it failed.
+    /// The result of a task; `None`: it failed.
     fn run(&self, task: &Task) -> Option<Vec<u32>> {
         let called = Python::try_attach(|py| -> PyResult<Vec<u32>> {
             let bytes = |bytes| PyBytes::new(py, bytes);
@@ -39,7 +39,7 @@ impl Device {
             let words = found.cast::<PyBytes>()?.as_bytes().chunks_exact(4);
             Ok(words.map(|word| u32::from_ne_bytes(word.try_into().unwrap_or_default())).collect())
         });
-        // Without an interpreter nobody waits for the match.
+        // Without an interpreter, nobody waits for the match.
         let reason = match called? {
             Ok(found) if found.len() == task.found_words() => return Some(found),
             Ok(found) => format!("{} words instead of {}", found.len(), task.found_words()),

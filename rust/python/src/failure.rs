@@ -1,4 +1,4 @@
-//! Why a call fails: an exception of Python, or an error of the core that becomes one.
+//! Why a call failed: a Python exception, or a core error that becomes one.
 
 use phasestereo::Error;
 use pyo3::PyErr;

@@ -8,7 +8,7 @@ use crate::failure::Result;
 use crate::internal;
 use phasestereo::{Error, Keep};
 
-/// The pixels that a choice keeps, of a map of which the share `wrong` is wrong; NaN: not known.
+/// The pixels that a choice keeps, in a map with the share `wrong` of wrong disparities; NaN: unknown.
 #[pyfunction]
 pub fn kept_pixels<'py>(
     py: Python<'py>,

@@ -1,4 +1,4 @@
-//! What a caller knows of a pair: `phasestereo.Known`, read for the core.
+//! A caller's known facts about a pair: `phasestereo.Known`, read for the core.
 
 use pyo3::prelude::*;
 
@@ -8,7 +8,7 @@ use phasestereo::internals::estimation::facts::{Direction, Fact, Facts};
 use phasestereo_match::pair::blur_compensation::check_noise;
 use phasestereo_match::pair::candidates::Candidates;
 
-/// Reads `known.noise`: a number, or a pair of them for the left and for the right image.
+/// Reads `known.noise`: a number, or a pair of them for the left and the right image.
 pub fn read_noise_of_pair(noise: &Bound<'_, PyAny>) -> Result<[f64; 2]> {
     let (left, right) = noise.extract().unwrap_or_else(|_| (noise.clone(), noise.clone()));
 
@@ -19,8 +19,8 @@ pub fn read_noise_of_pair(noise: &Bound<'_, PyAny>) -> Result<[f64; 2]> {
     Ok([read(&left)?, read(&right)?])
 }
 
-/// Reads what is known of a pair, whose size is that of the turned images if it is vertical; None: nothing
-/// is.
+/// Reads the known facts about a pair, whose size is that of the turned images if it is vertical; None: there
+/// are none.
 pub fn read_known(
     known: &Bound<'_, PyAny>,
     size: (usize, usize),

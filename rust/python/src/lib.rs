@@ -1,5 +1,5 @@
-//! The Python face: reads arguments, copies images in, releases the interpreter, runs the core, and returns
-//! results.
+//! The Python interface: reads arguments, copies images in, releases the interpreter, runs the core, and
+//! returns results.
 //!
 //! Both images are copied before the interpreter is released: borrowing them would not stop another Python
 //! thread from writing into them.
@@ -95,12 +95,13 @@ macro_rules! named {
     ($module:ident: $($name:ident),*) => { [$((stringify!($name), $module::$name)),*] };
 }
 
-/// `phasestereo._core`: see the stub beside the Python modules for what each function takes and returns.
+/// `phasestereo._core`: the stub beside the Python modules documents the arguments and results of each
+/// function.
 ///
-/// It needs no GIL: what several calls share is behind mutexes (`Workers`, the shared pool, the spare memory
-/// of a matcher) or computed once (tables), and there is no unsafe code except in `simd.rs`, which shares
-/// nothing. Arrays are copied before a call matches anything; a copy of one that another thread changes
-/// meanwhile is half changed, as in `NumPy` itself.
+/// It does not need the GIL: data shared by several calls is behind mutexes (`Workers`, the shared pool, the
+/// spare memory of a matcher) or computed once (tables), and the only unsafe code is in `simd.rs`, which
+/// shares nothing. Arrays are copied before a call matches anything; if another thread changes one meanwhile,
+/// the copy is half changed, as in `NumPy` itself.
 #[pymodule(gil_used = false)]
 mod _core {
     use super::{
@@ -149,8 +150,8 @@ mod _core {
 /// Initializes now, on the importing thread, everything that is initialized only once: the tables of the
 /// array interface, those of the thread pool and of the blur estimation, and the detected instructions.
 ///
-/// A process that is forked while another thread initializes them would inherit a half-done initialization
-/// and wait for its end forever.
+/// A process forked while another thread initializes them would inherit a half-done initialization and wait
+/// for its end forever.
 fn warm_up(py: Python<'_>) -> Result<()> {
     PyArray2::<u8>::zeros(py, (1, 1), false).try_readonly().map_err(internal)?;
     Level::best();
@@ -163,7 +164,7 @@ fn simd_level() -> &'static str {
     Level::best().name()
 }
 
-/// Pairs whose matches are not to the bit what they are on every platform: their names and digests.
+/// Pairs whose matches are not bit-identical to those of every platform: their names and digests.
 #[pyfunction]
 fn self_check(py: Python<'_>, progress: Option<Bound<'_, PyAny>>) -> Result<Vec<String>> {
     let pool = Pool::for_argument(&py.None().into_bound(py))?;
@@ -192,8 +193,8 @@ fn check_noise(noise: &Bound<'_, PyAny>) -> Result<()> {
     read_noise_of_pair(noise).map(drop)
 }
 
-/// A whole default match in one call: estimates what the pair lacks, matches the pair, summarizes the map,
-/// and says what was found. The result has no images. `second` is a map of the left image, a matcher that makes
+/// A whole default match in one call: estimates unknown properties, matches the pair, summarizes the map, and
+/// returns the findings. The result has no images. `second` is a map of the left image, a matcher that makes
 /// one (see [`with_second`]), or None.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "arguments that Python names")]
@@ -265,8 +266,7 @@ fn match_pair<'py>(
     objects::result(py, matched, &asked)
 }
 
-/// The cameras of pairs, by what their images show: matrices as OpenCV has them, the expected error in rows,
-/// and sentences.
+/// The cameras of pairs, from their images: matrices as in OpenCV, the expected error in rows, and sentences.
 #[pyfunction]
 fn rectify_pairs<'py>(
     py: Python<'py>,
@@ -284,7 +284,7 @@ fn rectify_pairs<'py>(
     Ok((matrices, found.error, findings::rectification(&found)))
 }
 
-/// The right image at the size of the left one, its mask, and the matrix that leads there from its pixels.
+/// The right image at the size of the left one, its mask, and the matrix that maps its pixels there.
 #[pyfunction]
 fn fit_right<'py>(
     py: Python<'py>,
@@ -298,7 +298,8 @@ fn fit_right<'py>(
     Ok((objects::pixels(py, fitted.image), mask, arr2(&matrix).into_pyarray(py).into_any()))
 }
 
-/// The estimates of a pair, without a match: of the rectified one, where a match would rectify it, if asked.
+/// The estimates of a pair, without a match; if requested, of the rectified pair where a match would rectify
+/// it.
 #[pyfunction]
 fn estimate_pair<'py>(
     py: Python<'py>,
@@ -366,7 +367,7 @@ fn estimate_pair_by_rows<'py>(
     objects::estimates(py, estimates, &Asked { settings, known, is_searched, is_reused: false })
 }
 
-/// How a pair becomes gray that is read by rows; `images` and `masks` are the first row.
+/// How to convert a pair that is read by rows to gray; `images` and `masks` are the first row.
 #[pyfunction]
 fn find_scale(
     py: Python<'_>,
@@ -388,7 +389,7 @@ fn find_scale(
     Ok(found?.into())
 }
 
-/// What is found out about a pair of this size by reading it on one thread.
+/// The result of reading a pair of this size on one thread.
 fn found_by_rows<T: Send + 'static>(
     py: Python<'_>,
     size: (usize, usize),
@@ -403,7 +404,7 @@ fn found_by_rows<T: Send + 'static>(
 /// The share of the black border of an image, and its runs.
 type Side<'py> = (f64, Option<Bound<'py, PyArray1<u32>>>);
 
-/// The black borders of a pair that is read by rows: of each image the share, and the lengths of the runs
+/// The black borders of a pair that is read by rows: for each image the share, and the lengths of the runs
 /// from the top and the bottom, by column, and from the left and the right, by row; None: it has no border.
 #[pyfunction]
 fn find_borders<'py>(
@@ -426,8 +427,8 @@ fn find_borders<'py>(
     Ok(found?.map(of_side).into())
 }
 
-/// The overlays of a pair that is read by rows: of each the first row and that after the last one, and the same
-/// of its columns.
+/// The overlays of a pair that is read by rows: for each one the first row and the one after the last, and
+/// the same for its columns.
 #[pyfunction]
 fn find_overlays(
     py: Python<'_>,
@@ -477,7 +478,7 @@ fn halo(
     Ok((halo.rows(), halo.masked))
 }
 
-/// The most bytes that `match_rows` takes for this many rows; `itemsize` are the bytes of a pixel, all
+/// The most bytes that `match_rows` takes for this many rows; `itemsize` is the bytes of a pixel, all
 /// channels together.
 #[pyfunction]
 fn working_memory(
@@ -526,13 +527,13 @@ fn match_rows<'py>(
 /// pixels that failed, those at the ends of the range, all.
 type TallyTuple = (u64, u64, u64, u64, u64);
 
-/// The rows of a pair of this height that the tally is taken of.
+/// The rows that are tallied in a pair of this height.
 #[pyfunction]
 fn rows_to_tally(height: usize) -> Vec<(usize, usize)> {
     sampled(height).into_iter().map(|rows| (rows.start, rows.end)).collect()
 }
 
-/// As `match_rows`, with confidences that are not calibrated, and the sums over them.
+/// Like `match_rows`, with uncalibrated confidences, and the sums over them.
 #[pyfunction]
 fn match_raw<'py>(
     py: Python<'py>,
@@ -571,7 +572,7 @@ type MatchRows =
     fn(&Matcher, &Pair, &Section, &Settings, Execution, &Control) -> phasestereo::Result<Disparity>;
 
 impl PartOfPair {
-    /// The rows `rows` of a whole pair, of which the images begin with row `first`.
+    /// The rows `rows` of a whole pair; the images begin at row `first`.
     fn new(
         images: &Both<'_>,
         masks: &Both<'_>,
@@ -612,7 +613,7 @@ impl PartOfPair {
         let Self { pair, compensation, field, section, settings } = self;
 
         let pool = Pool::for_argument(threads)?;
-        // Progress counts the rows that are chosen, which are more than those wanted.
+        // Progress counts the matched rows, which are more than those requested.
         let plan = Plan { settings: &settings, compensation: compensation.as_ref(), alignment: None };
         let halo = Halo::new(plan).map;
         let chosen = section.widened(halo, &pair).len();
@@ -727,7 +728,7 @@ fn wrap<T: Element>(py: Python<'_>, plane: Plane<T>) -> Result<Bound<'_, PyArray
     Ok(Array2::from_shape_vec((rows, cols), plane.into_vec()).map_err(internal)?.into_pyarray(py))
 }
 
-/// An exception for what cannot happen, which asks for a report; instead of a panic.
+/// An exception for a case that cannot happen, which asks for a report; instead of a panic.
 fn internal(fault: impl std::fmt::Display) -> Failure {
     PyRuntimeError::new_err(format!("internal error, please report it: {fault}")).into()
 }

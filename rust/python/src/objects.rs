@@ -1,4 +1,4 @@
-//! Python's objects of what the core returns: the dataclasses of the package, made here alone, by the names
+//! Python objects for the results of the core: the dataclasses of the package, made only here, by the names
 //! of their fields.
 
 use std::time::Duration;
@@ -25,7 +25,8 @@ use phasestereo_match::matcher::summary::Summary;
 /// An object of Python.
 pub type Object<'py> = Bound<'py, PyAny>;
 
-/// A dictionary of fields: those of a struct that have its names, in brackets, and others.
+/// A dictionary of fields: the bracketed ones are copied from the fields of a struct with the same names;
+/// others have values.
 macro_rules! fields {
     ($py:expr, $([$from:ident: $($same:ident),*])? $($name:ident: $value:expr),* $(,)?) => {{
         let fields = PyDict::new($py);
@@ -54,11 +55,11 @@ fn replaced<'py>(object: &Object<'py>, fields: &Bound<'py, PyDict>) -> Result<Ob
     Ok(dataclasses.call_method("replace", (object,), Some(fields))?)
 }
 
-/// What a call was asked for, as it comes back in results.
+/// The request of a call, which results repeat.
 pub struct Asked<'py> {
     /// The settings.
     pub settings: Object<'py>,
-    /// What is known of the pair, or None.
+    /// The known facts about the pair, or None.
     pub known: Object<'py>,
     /// Whether the disparities to search were given.
     pub is_searched: bool,
@@ -72,15 +73,15 @@ pub struct Matched {
     pub map: Disparity,
     /// Its summary.
     pub summary: Summary,
-    /// What was estimated of the pair.
+    /// The estimates from the pair.
     pub estimates: Estimates,
     /// How many frames support each disparity, and the time that a temporal filter took.
     pub support: Option<(Plane<u8>, Duration)>,
     /// The time that a second map took.
     pub second: Option<Duration>,
-    /// What there is to say.
+    /// The findings.
     pub findings: Vec<Finding>,
-    /// What became of a pair that had to be rectified.
+    /// The rectification of a pair that needed one.
     pub rectified: Option<Rectified>,
 }
 
@@ -95,7 +96,7 @@ pub fn result<'py>(py: Python<'py>, found: Matched, asked: &Asked<'py>) -> Resul
 
     if let Some(rectified) = rectified {
         fields.set_item("rectified", rectified_of(py, rectified)?)?;
-        // The field that is left is one of the rectified pair.
+        // The remaining field is one of the rectified pair.
         fields.set_item("alignment", py.None())?;
     }
     if let Some((frames, time)) = support {
@@ -123,7 +124,7 @@ pub fn result_of_rows<'py>(map: Disparity, statistics: &Object<'py>) -> Result<O
     object("result", "Result", &fields)
 }
 
-/// A second opinion on a map; `said` is what there is to say of the own match.
+/// A second opinion on a map; `said` holds the findings about the own match.
 pub fn verification<'py>(
     py: Python<'py>,
     judged: Verification,
@@ -156,7 +157,7 @@ pub fn estimates<'py>(py: Python<'py>, found: Estimates, asked: &Asked<'py>) -> 
     object("rig.estimates", "Estimates", &fields)
 }
 
-/// The maps of a match, and how long its stages took, after an estimation of that time.
+/// The maps of a match, and the durations of its stages, after an estimation of that time.
 fn map_fields(py: Python<'_>, map: Disparity, estimation: Duration) -> Result<Bound<'_, PyDict>> {
     let times = map.timings;
     let timings = PyDict::new(py);
@@ -246,7 +247,7 @@ fn rectified_of(py: Python<'_>, found: Rectified) -> Result<Object<'_>> {
     )
 }
 
-/// Cameras as OpenCV has them, by name.
+/// Cameras in OpenCV's form, by name.
 pub fn calibration<'py>(py: Python<'py>, cameras: &Cameras) -> Result<Bound<'py, PyDict>> {
     let by_name = PyDict::new(py);
     let Calibration { camera, distortion, rotation, projection } = Calibration::of_cameras(cameras);
@@ -272,7 +273,7 @@ pub fn alignment_of<'py>(py: Python<'py>, offsets: &RowOffsets, is_applied: bool
     )
 }
 
-/// The settings and the compensation that suit a blur.
+/// The settings and the compensation adapted to a blur.
 fn suited<'py>(
     py: Python<'py>,
     plan: CompensationPlan,

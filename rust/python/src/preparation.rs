@@ -1,4 +1,4 @@
-//! Pairs that are prepared for other matchers, and maps that come back, for Python.
+//! Pairs prepared for other matchers, and the conversion of their maps, for Python.
 
 use ndarray::Dimension;
 use numpy::{PyArray2, PyArrayMethods};
@@ -19,26 +19,26 @@ use phasestereo::internals::preparation::back;
 use phasestereo::internals::preparation::{Preparation, prepared_for_others};
 use phasestereo_match::base::plane::Plane;
 
-/// How maps of a prepared pair come back.
+/// The conversion of maps of a prepared pair to the original image.
 #[pyclass(module = "phasestereo._core", frozen)]
 #[derive(Debug)]
 pub struct Back(back::Back);
 
 #[pymethods]
 impl Back {
-    /// What a text says.
+    /// Reads it from text.
     #[new]
     fn new(written: &str) -> Result<Self> {
         Ok(Self(back::Back::read(written)?))
     }
 
-    /// It as text.
+    /// Writes it as text.
     #[getter]
     fn text(&self) -> Result<String> {
         Ok(self.0.written()?)
     }
 
-    /// Rows and columns of the left image as it came.
+    /// Rows and columns of the original left image.
     #[getter]
     fn size(&self) -> (usize, usize) {
         self.0.size()
@@ -50,7 +50,7 @@ impl Back {
         self.0.prepared_size()
     }
 
-    /// A map of the prepared pair as one of the left image as it came.
+    /// A map of the prepared pair, converted to the original left image.
     fn restored<'py>(
         &self,
         py: Python<'py>,
@@ -65,7 +65,7 @@ impl Back {
     }
 }
 
-/// A pair that is ready to be matched. A pickle of it is None: all is estimated again.
+/// A pair that is ready to be matched. Its pickle is None: everything is estimated again.
 #[pyclass(module = "phasestereo._core", frozen)]
 #[derive(Debug)]
 pub struct Ready(pub match_pair::Ready);
@@ -77,8 +77,8 @@ impl Ready {
     }
 }
 
-/// A pair for other matchers: both images (None: nothing had to be done), sentences, the number of
-/// disparities, the way back, the pair that is ready to be matched, and what was estimated.
+/// A pair for other matchers: both images (None: unchanged), sentences, the number of disparities, the
+/// conversion of maps, the pair that is ready to be matched, and the estimates.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "arguments that Python names")]
 #[expect(clippy::type_complexity, reason = "what Python unpacks")]

@@ -1,4 +1,4 @@
-//! Reading of a pair through a Python callable, a few rows at a time, for the duration of one call.
+//! Reads a pair through a Python callable, a few rows at a time, for the duration of one call.
 
 use std::borrow::Cow;
 use std::ops::Range;
@@ -16,8 +16,8 @@ use phasestereo_match::pair::candidates::Candidates;
 use phasestereo_match::pair::source::Source;
 use phasestereo_match::pair::{Pair, check};
 
-/// A callable `read(first, last)` that returns ((left, right), masks) of these rows, as [`read_inputs`] takes
-/// them.
+/// A callable `read(first, last)` that returns ((left, right), masks) of these rows, as [`read_inputs`]
+/// accepts them.
 pub struct Reader {
     read: Py<PyAny>,
     size: (usize, usize),
@@ -27,20 +27,20 @@ pub struct Reader {
     raised: Mutex<Option<Failure>>,
 }
 
-/// Black and white of the left and of the right image, in thousandths of the pixels' unit.
+/// Black and white of the left and the right image, in thousandths of the pixels' unit.
 pub type Ranges = ((f64, f64), (f64, f64));
 
-/// How a pair becomes gray: the step and the bits of its integers, 0 bits for floats; whether the three
-/// channels of the left and of the right image are equal.
+/// How to convert a pair to gray: the step and the bits of its integers, 0 bits for floats; whether the three
+/// channels of the left and the right image are equal.
 pub type PackingTuple = (f64, u32, bool, bool);
 
-/// The scale of a whole pair that its parts take.
+/// The scale of a whole pair, which its parts use.
 #[pyclass(module = "phasestereo._core", frozen, get_all)]
 #[derive(Debug, Default)]
 pub struct Scale {
-    /// How its pixels become gray.
+    /// How to convert its pixels to gray.
     pub packing: PackingTuple,
-    /// Where they lie, unless they are bytes.
+    /// Their ranges, unless they are bytes.
     pub ranges: Option<Ranges>,
 }
 
@@ -75,9 +75,9 @@ impl Reader {
         Ok(inputs)
     }
 
-    /// Rows of both images as they are read.
+    /// Rows of both images in the form they are read.
     pub fn inputs(&self, rows: Range<usize>) -> phasestereo::Result<[Input; 2]> {
-        // The core knows no Python exceptions: the reader keeps it, and the call fails as if cancelled.
+        // The core does not know Python exceptions: the reader keeps it, and the call fails as if cancelled.
         let inputs = Python::attach(|py| self.call(py, &rows)).map_err(|raised| {
             *self.raised.lock().unwrap_or_else(PoisonError::into_inner) = Some(raised);
             Error::Cancelled
@@ -108,7 +108,7 @@ impl Source for Reader {
     }
 }
 
-/// How both images are converted, for the core.
+/// How to convert both images, for the core.
 pub fn as_conversions((step, bits, left, right): PackingTuple, ranges: Option<Ranges>) -> [Conversion; 2] {
     let integers = (bits > 0).then_some(Integers { step, bits });
     let range = |(black, white)| IntensityRange { black, white };

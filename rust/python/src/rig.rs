@@ -1,4 +1,4 @@
-//! What two cameras are, learned from frame to frame, as Python holds it.
+//! Facts about two cameras, learned from frame to frame, for Python.
 
 use std::sync::MutexGuard;
 
@@ -13,14 +13,14 @@ use phasestereo::internals::video::rig::events::Event;
 use phasestereo::internals::video::rig::text;
 use phasestereo::internals::video::rig::{Geometry, Rig as State};
 
-/// The cameras of one rig: what is known after the last match.
+/// The cameras of one rig: the facts known after the last match.
 #[pyclass(module = "phasestereo._core", frozen)]
 #[derive(Debug, Default)]
 pub struct Rig(Carried<State>);
 
 #[pymethods]
 impl Rig {
-    /// A rig of a text; None: one that has seen nothing.
+    /// A rig from a text; None: a new one.
     #[new]
     fn new(written: Option<&str>) -> Result<Self> {
         let state = written.map(text::read).transpose()?;
@@ -45,14 +45,14 @@ impl Rig {
         self.last().health.unwrap_or(f64::NAN)
     }
 
-    /// What happened: the subject of each event, its frame, and a sentence.
+    /// The events: the subject of each, its frame, and a sentence.
     #[getter]
     fn events(&self) -> Vec<(&'static str, u64, String)> {
         let event = |event: &Event| (event.subject.name(), event.frame, event.sentence.clone());
         self.last().events.all().iter().map(event).collect()
     }
 
-    /// The least and the number of the disparities; None: nothing is known.
+    /// The smallest disparity and the number of disparities; None: unknown.
     #[getter]
     fn disparities(&self) -> Option<(i64, i64)> {
         let range = |geometry: &Geometry| {
@@ -62,7 +62,7 @@ impl Rig {
         self.last().geometry.as_ref().map(range)
     }
 
-    /// The field of rows; None: nothing is known.
+    /// The field of rows; None: unknown.
     #[getter]
     fn field<'py>(&self, py: Python<'py>) -> Result<Option<Object<'py>>> {
         let rig = self.last();
@@ -71,8 +71,8 @@ impl Rig {
         objects::alignment_of(py, &offsets, geometry.straightens.state == 1).map(Some)
     }
 
-    /// Its quantities against limits: name, unit, what it is, value (NaN: unknown), limit, and whether it is
-    /// kept (None: that unknown, and not needed).
+    /// Its quantities against limits: name, unit, description, value (NaN: unknown), limit, and whether it is
+    /// within the limit (None: unknown, and not needed).
     #[pyo3(signature = (limits, focal))]
     #[expect(clippy::type_complexity, reason = "what Python unpacks")]
     #[expect(clippy::needless_pass_by_value, reason = "an argument that Python gives")]
@@ -89,7 +89,7 @@ impl Rig {
         Ok(limits::check(&rig, &limits, focal)?.into_iter().map(row).collect())
     }
 
-    /// The cameras of raw images, and the size of these; None: images are rectified, or nothing is known.
+    /// The cameras of raw images, and their size; None: images are rectified, or nothing is known.
     #[getter]
     #[expect(clippy::type_complexity, reason = "what Python unpacks")]
     fn cameras<'py>(&self, py: Python<'py>) -> Result<Option<(Bound<'py, PyDict>, (usize, usize))>> {
@@ -103,7 +103,7 @@ impl Rig {
 }
 
 impl Rig {
-    /// What is known after the last match.
+    /// The facts known after the last match.
     fn last(&self) -> MutexGuard<'_, State> {
         self.0.value()
     }

@@ -1,4 +1,4 @@
-//! Second maps, for Python: given, or what another matcher answers.
+//! Second maps, for Python: given, or returned by another matcher.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -17,12 +17,12 @@ use phasestereo::internals::video::frames::Frame;
 use phasestereo::{Error, Finding};
 use phasestereo_match::image::pixels::Input;
 
-/// A frame, not turned back, with a second map taken in; what there is to say of that, and the time it took.
+/// A frame, not turned back, fused with a second map; the findings about that, and the time it took.
 ///
-/// `second` is an array of float32. Where there are both images as they came, and whether the match took the
-/// negative of the right one, it is a matcher: an object with a `name`, and the
-/// `max_disparity` that it can answer or None, which is called `(left, right, num_disparities)` and returns
-/// an array of float32, or, as a text, why it has none. It is called while no thread of the pool is taken.
+/// `second` is an array of float32. If both original images are given, with whether the match used the
+/// negative of the right one, it is a matcher: an object with a `name`, and its largest `max_disparity` or
+/// None. It is called with `(left, right, num_disparities)` and returns an array of float32, or a text with
+/// the reason for a failure. During this call, no thread of the pool is in use.
 pub fn with_second<'py>(
     py: Python<'py>,
     frame: Frame,
@@ -42,7 +42,7 @@ pub fn with_second<'py>(
     Ok((Frame { matched, summary, ..frame }, said, Some(started.elapsed())))
 }
 
-/// What another matcher answers to a pair as it was prepared by its match.
+/// The answer of another matcher to a pair as its match prepared it.
 fn answered<'py>(
     py: Python<'py>,
     matched: Matched,
@@ -58,7 +58,7 @@ fn answered<'py>(
         let is_turned = matched.prepared.pair.is_turned();
         let inputs = if is_turned { inputs.each_ref().map(Input::turned) } else { inputs };
         match prepared_as(&inputs, matched.treatment(), is_inverted, most, runtime) {
-            // Its disparities are beyond what the matcher can answer.
+            // Its disparities are beyond those that the matcher can return.
             Err(error @ Error::Value { .. }) => Ok((matched, Err(error.to_string()))),
             made => Ok((matched, Ok(made?))),
         }

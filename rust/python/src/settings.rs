@@ -1,4 +1,4 @@
-//! Settings from and to Python, as the table of the core lists them.
+//! Settings from and to Python, following the table of the core.
 
 use pyo3::IntoPyObjectExt;
 use pyo3::prelude::*;
@@ -10,17 +10,17 @@ use phasestereo::Error;
 use phasestereo_match::settings::kind::{Kind, SettingDescription, Value};
 use phasestereo_match::settings::{DESCRIPTIONS, Settings};
 
-/// What there is to know of a setting.
+/// The description of a setting.
 #[pyclass(frozen, get_all, module = "phasestereo._core")]
 pub struct Setting {
     name: &'static str,
     /// The type in Python, as an annotation.
     annotation: String,
-    /// What it is, in one sentence.
+    /// Its meaning, in one sentence.
     summary: String,
-    /// All that there is to say of it, but for the choices: the summary, the details, the range.
+    /// Its full description without the choices: the summary, the details, the range.
     text: String,
-    /// The words that it may be, each with its meaning.
+    /// Its allowed words, each with its meaning.
     choices: Vec<(&'static str, &'static str)>,
 }
 

@@ -15,11 +15,11 @@ use phasestereo_match::matcher::runtime::Runtime;
 
 /// How often a running call checks for Ctrl-C and reports its progress.
 const TICK: Duration = Duration::from_millis(50);
-/// How long to wait for a cancelled call. It ends within milliseconds once it has begun, and until then it
+/// How long to wait for a cancelled call. It ends within milliseconds once it has started, but before that it
 /// may have to wait for others.
 const PATIENCE: Duration = Duration::from_millis(500);
 
-/// Does `work` on the threads of a pool. An exception, be it Ctrl-C or from `progress`, cancels it.
+/// Runs `work` on the threads of a pool. An exception, whether Ctrl-C or from `progress`, cancels it.
 pub fn supervised<T: Send + 'static>(
     py: Python<'_>,
     pool: &Arc<Pool>,
@@ -35,7 +35,7 @@ pub fn supervised<T: Send + 'static>(
         Ok(())
     };
 
-    // Only what is above is compiled for each type of result.
+    // Only the code above is compiled for each type of result.
     supervise(py, pool, rows, progress.map(Bound::unbind), Box::new(work))?;
     let found = result.lock().unwrap_or_else(PoisonError::into_inner).take();
     found.ok_or_else(|| internal("a call that succeeded left no result"))
@@ -61,7 +61,7 @@ fn supervise(
     };
 
     py.detach(|| {
-        // While the call waits for its turn, Ctrl-C works as well as later.
+        // While the call waits for its turn, Ctrl-C works the same as later.
         let turn = loop {
             match pool.turn(TICK) {
                 Some(turn) => break turn,

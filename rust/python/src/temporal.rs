@@ -1,4 +1,4 @@
-//! What one call of Python carries over to the next one, and the temporal filter of a video.
+//! State that a Python call carries over to the next one, and the temporal filter of a video.
 
 use std::mem;
 use std::process;
@@ -10,8 +10,8 @@ use pyo3::prelude::*;
 use phasestereo::Error;
 use phasestereo::internals::video::temporal::TemporalFilter as Filter;
 
-/// A value that matches change one after another. A match works on a value of its own and puts it back, so
-/// the lock is held for moments, and by a thread that is attached to Python: no child is forked meanwhile.
+/// A value that matches change one after another. A match works on a copy and puts it back, so the lock is
+/// held only for moments, and by a thread that is attached to Python: no child is forked meanwhile.
 #[derive(Debug, Default)]
 pub struct Carried<T> {
     value: Mutex<T>,
@@ -34,8 +34,8 @@ impl<T> Carried<T> {
         self.value.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The turn of a match, unless another one of this process has it. In a forked child a match of the
-    /// parent does not go on, so its turn has ended.
+    /// The turn of a match, unless another one of this process has it. In a forked child, a match of the
+    /// parent does not continue, so its turn has ended.
     pub fn turn(&self, argument: &'static str) -> phasestereo::Result<Turn<'_, T>> {
         let ours = process::id();
         let take = |holder| (holder != ours).then_some(ours);
@@ -49,7 +49,7 @@ impl<T> Carried<T> {
 }
 
 impl<T> Turn<'_, T> {
-    /// Replaces the value, and returns the one before.
+    /// Replaces the value, and returns the previous one.
     pub fn replace(&self, value: T) -> T {
         mem::replace(&mut *self.0.value(), value)
     }
@@ -80,7 +80,8 @@ impl TemporalFilter {
 }
 
 impl TemporalFilter {
-    /// The turn of a match. What it has not put back, as when it was interrupted, is as a new filter.
+    /// The turn of a match. If it does not put its filter back, for example after an interruption, the filter
+    /// is new.
     pub fn turn(&self) -> phasestereo::Result<Turn<'_, Filter>> {
         self.0.turn("temporal_filter")
     }

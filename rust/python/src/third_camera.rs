@@ -12,9 +12,9 @@ use crate::wrap;
 use phasestereo::internals::third_camera::{LeftCamera, Lens, ThirdCamera, register};
 use phasestereo_match::base::plane::Plane;
 
-/// Sources, depths, holes and occlusions as a third camera sees them, and other depths at the same pixels, as
-/// the ends of error bars. The left camera: focal lengths, principal point, baseline; the lens of the third
-/// one: matrix, distortion, whether it is a fisheye's.
+/// Sources, depths, holes and occlusions as seen by a third camera, and other depths at the same pixels, such
+/// as the ends of error bars. The left camera: focal lengths, principal point, baseline; the lens of the
+/// third one: matrix, distortion, whether it is a fisheye lens.
 #[pyfunction]
 pub fn register_depths<'py>(
     py: Python<'py>,

@@ -18,8 +18,8 @@ use phasestereo::internals::verification::traits::{TRAITS, Values};
 use phasestereo::internals::verification::{judged, observe, verify};
 use phasestereo_match::base::plane::Plane;
 
-/// Judges a disparity map; the own match is as `match_pair` returns it. A pair that is ready, by the same
-/// settings, is not estimated again.
+/// Judges a disparity map; the own match has the form that `match_pair` returns. A pair that is ready, by the
+/// same settings, is not estimated again.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "arguments that Python names")]
 pub fn verify_map<'py>(
@@ -56,8 +56,8 @@ pub fn verify_map<'py>(
     verification(py, found, summary, said, &asked)
 }
 
-/// A match and, of several maps, the traits by which their claims are judged: float32 (height, width,
-/// traits), NaN without a claim.
+/// A match and, for several maps, the traits for judging their claims: float32 (height, width, traits), NaN
+/// without a claim.
 #[pyfunction]
 pub fn observe_maps<'py>(
     py: Python<'py>,

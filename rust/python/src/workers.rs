@@ -1,8 +1,8 @@
-//! Thread pools and memory that calls from Python share, and the number of calls that use them at once.
+//! Thread pools and memory that calls from Python share, and the number of simultaneous calls.
 //!
-//! After a fork, the child process has none of its parent's threads, and what these were doing stays half
-//! done. So a pool belongs to one process: another one neither uses nor drops it, since dropping would wait
-//! for its threads.
+//! After a fork, the child process has none of its parent's threads, and their work stays half done. So a
+//! pool belongs to one process: another one neither uses nor drops it, since dropping would wait for its
+//! threads.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::mpsc::{Receiver, channel};
@@ -21,22 +21,23 @@ use phasestereo_match::base::simd::Level;
 use phasestereo_match::matcher::runtime::Runtime;
 use phasestereo_match::matcher::{Execution, Matcher};
 
-/// Most calls that run in one pool at once; others wait for their turn. Each holds the codes of a pair.
-/// Besides, a thread that waits for others starts the next call meanwhile, on the same stack.
+/// Most calls that run in one pool at once; others wait for their turn. Each holds the codes of a pair. Also,
+/// a thread that waits for others starts the next call meanwhile, on the same stack.
 const MOST_CALLS: usize = 64;
 
 /// Most bytes of working memory that a kept pool holds between calls.
 const MOST_KEPT: usize = 64 << 20;
 
-/// Bytes of a block that is freed before the first match of a pool. The allocator of glibc keeps up to twice the
-/// largest block that was freed at the end of its heap. What is freed beyond goes back to the system, and the
-/// next match takes it again, page by page: 32 % of the time of `fast` on 741 x 497, 6 to 10 % of others. Blocks
-/// that were maps of their own come from the heap then, whose gaps take 3 to 4 MB more there. With half of it
-/// `fast` takes a tenth longer from 1280 x 720 on, and the peak of `robust` at 1920 x 1080 is 10 MB lower.
+/// Bytes of a block that is freed before the first match of a pool. glibc's allocator keeps up to twice the
+/// largest freed block at the end of its heap. Memory freed beyond that returns to the system, and the next
+/// match takes it again, page by page: 32 % of the time of `fast` on 741 x 497, 6 to 10 % of others. Blocks
+/// that were separate mappings then come from the heap, whose gaps take 3 to 4 MB more there. With half of
+/// it, `fast` takes a tenth longer from 1280 x 720 on, and the peak of `robust` at 1920 x 1080 is 10 MB
+/// lower.
 const FREED: usize = 8 << 20;
 
-/// What calls without [`Workers`] leave to later ones: a pool that is used by one call at a time, and one
-/// that all calls share which leave the number of threads open.
+/// Pools that calls without [`Workers`] leave to later ones: one that is used by one call at a time, and one
+/// shared by all calls that do not set the number of threads.
 static KEPT: Mutex<[Option<Arc<Pool>>; 2]> = Mutex::new([None, None]);
 
 /// Threads of this process, and a matcher with its memory.
@@ -53,12 +54,12 @@ pub struct Pool {
 }
 
 impl Pool {
-    /// A pool of its own threads, which keeps all the memory that a call has taken.
+    /// A pool with its own threads, which keeps all memory that a call has taken.
     pub fn new(threads: usize) -> phasestereo::Result<Arc<Self>> {
         Ok(Self::keeping(usize::MAX, threads, Matcher::new(threads)?))
     }
 
-    /// The same with a device that searches, if there is one.
+    /// The same, with a device that searches, if any.
     fn with_device(threads: usize, device: Option<&Arc<Device>>) -> phasestereo::Result<Arc<Self>> {
         let Some(device) = device else { return Self::new(threads) };
         let matcher = Matcher::new(threads)?.with_engine(device.clone());
@@ -66,7 +67,7 @@ impl Pool {
     }
 
     fn keeping(most_kept: usize, threads: usize, matcher: Matcher) -> Arc<Self> {
-        // Nothing is written to it, so that it takes no memory.
+        // Nothing is written to it, so it takes no memory.
         drop(hint::black_box(Vec::<u8>::with_capacity(FREED)));
 
         let (calls, call_ended) = (Mutex::default(), Condvar::default());
@@ -85,7 +86,7 @@ impl Pool {
 
     /// A kept pool of this many threads, or a new one, which replaces it unless it is in use.
     ///
-    /// Nobody waits for the lock: a child that is forked while another thread holds it never sees it
+    /// Nobody waits for the lock: in a child forked while another thread holds it, it would never be
     /// released.
     fn kept(threads: usize, is_shared: bool) -> phasestereo::Result<Arc<Self>> {
         let fresh = || Ok(Self::keeping(MOST_KEPT, threads, Matcher::new(threads)?));
@@ -95,7 +96,7 @@ impl Pool {
         let kept = &mut kept[usize::from(is_shared)];
 
         if let Some(pool) = kept.as_ref().filter(|pool| pool.is_ours()) {
-            // Whoever uses it holds it, too.
+            // Its users hold it, too.
             let is_free = Arc::strong_count(pool) == 1;
             if pool.threads == threads && (is_free || is_shared) {
                 return Ok(Arc::clone(pool));
@@ -110,7 +111,7 @@ impl Pool {
         Ok(pool)
     }
 
-    /// Drops a pool, but leaks that of another process: dropping would wait for threads that are not here.
+    /// Drops a pool, but leaks one of another process: dropping would wait for threads that are not here.
     fn leave(self: Arc<Self>) {
         if !self.is_ours() {
             mem::forget(self);
@@ -134,7 +135,7 @@ impl Pool {
     }
 }
 
-/// What a call does on the threads of its pool.
+/// The work of a call on the threads of its pool.
 pub type Work = dyn FnOnce(Runtime<'_>) -> phasestereo::Result<()> + Send;
 
 /// The permission of one call to run, until it is dropped.
@@ -175,10 +176,10 @@ impl Drop for Turn {
     }
 }
 
-/// Gives back what calls without [`Workers`] have left to later ones: threads and working memory.
+/// Frees the threads and working memory that calls without [`Workers`] left to later ones.
 #[pyfunction]
 pub fn release_memory() {
-    // Whoever holds the lock starts a call, which leaves something again.
+    // If a thread holds the lock, it is starting a call, which will leave something again.
     if let Ok(mut kept) = KEPT.try_lock() {
         mem::take(&mut *kept).into_iter().flatten().for_each(Pool::leave);
     }
@@ -191,7 +192,7 @@ pub fn release_memory() {
 pub struct Workers {
     pool: Arc<Pool>,
     device: Option<Arc<Device>>,
-    /// The pool of a process that was forked since.
+    /// The pool of a process that was forked later.
     forked: Mutex<Option<Arc<Pool>>>,
 }
 
