@@ -22,7 +22,7 @@
 #define PHASESTEREO_TERMS 8
 
 /**
- * Neither image: both are alike.
+ * Neither image: both are equally sharp.
  */
 #define PHASESTEREO_NEITHER 0
 
@@ -57,7 +57,7 @@
 #define PHASESTEREO_MOTION 3
 
 /**
- * Defocus of a lens whose middle is covered; its size is the outer radius.
+ * Defocus of a lens with a covered middle; its size is the outer radius.
  */
 #define PHASESTEREO_ANNULUS 4
 
@@ -77,7 +77,7 @@
 #define PHASESTEREO_FOUND 1
 
 /**
- * The range could not be estimated: the disparities are a third of the width.
+ * The range could not be estimated: the number of disparities is a third of the width.
  */
 #define PHASESTEREO_DEFAULT 2
 
@@ -92,22 +92,22 @@
 #define PHASESTEREO_RGB 1
 
 /**
- * Red, green, blue, and alpha: the image is not valid where that is 0, unless it is 0 everywhere.
+ * Red, green, blue, and alpha: pixels with alpha 0 are invalid, unless it is 0 everywhere.
  */
 #define PHASESTEREO_RGBA 2
 
 /**
- * Blue, green, red, as `OpenCV` has them.
+ * Blue, green, red, as in `OpenCV`.
  */
 #define PHASESTEREO_BGR 3
 
 /**
- * Blue, green, red, and alpha: the image is not valid where that is 0, unless it is 0 everywhere.
+ * Blue, green, red, and alpha: pixels with alpha 0 are invalid, unless it is 0 everywhere.
  */
 #define PHASESTEREO_BGRA 4
 
 /**
- * No candidate has a valid pixel in the right image: there is no estimate.
+ * No candidate has a valid pixel in the right image: no estimate.
  */
 #define PHASESTEREO_NO_CANDIDATE 2
 
@@ -117,12 +117,12 @@
 #define PHASESTEREO_OUTSIDE 4
 
 /**
- * The left pixel is not seen in the right image: the right pixel of its match belongs to another one.
+ * The right image does not show the left pixel: the right pixel of its match belongs to another one.
  */
 #define PHASESTEREO_OCCLUDED 16
 
 /**
- * The match belongs to another left pixel, too, although the right image sees this one.
+ * The match belongs to another left pixel, although the right image shows this one, too.
  */
 #define PHASESTEREO_MISMATCHED 32
 
@@ -132,12 +132,12 @@
 #define PHASESTEREO_LOW_CONFIDENCE 64
 
 /**
- * The pixel belongs to a small region that differs from all around it.
+ * The pixel belongs to a small region that differs from everything around it.
  */
 #define PHASESTEREO_SPECKLE 128
 
 /**
- * The disparity is that of other pixels: this one's own is not trusted.
+ * The disparity comes from other pixels: this one's own is not trusted.
  */
 #define PHASESTEREO_FILLED 256
 
@@ -147,12 +147,12 @@
 #define PHASESTEREO_AMBIGUOUS 512
 
 /**
- * The disparity is that of a plane, drawn into a flat area without evidence of its own.
+ * The disparity is that of a plane drawn into a flat area without evidence of its own.
  */
 #define PHASESTEREO_INFERRED 1024
 
 /**
- * The disparity is that of a smaller copy of the pair; the other flags are those of the copy.
+ * The disparity comes from a smaller copy of the pair; the other flags are those of the copy.
  */
 #define PHASESTEREO_COARSE 2048
 
@@ -162,22 +162,23 @@
 #define PHASESTEREO_ALL 0
 
 /**
- * Disparities are written that are probably within 1 px of the true ones: what to use for depths.
+ * Only disparities that are probably within 1 px of the true ones are written: use this for depths.
  */
 #define PHASESTEREO_TRUSTED 1
 
 /**
- * Trusted disparities are written that no flag speaks against: fewer, and more of them are right.
+ * Only trusted disparities without a flag are written: fewer, but more of them are right.
  */
 #define PHASESTEREO_CHECKED 2
 
 /**
- * Images are read between the four pixels around a place, with 0 beyond the image: as OpenCV's `remap` does by default.
+ * Images are interpolated between the four pixels around a place, with 0 beyond the image, like OpenCV's
+ * `remap` by default.
  */
 #define PHASESTEREO_LINEAR 0
 
 /**
- * Images are read between 8 x 8 pixels, which keeps them sharp.
+ * Images are interpolated from 8 x 8 pixels, which keeps them sharp.
  */
 #define PHASESTEREO_LANCZOS 1
 
@@ -192,20 +193,20 @@
 #define PHASESTEREO_NOTE 1
 
 /**
- * To be fixed; of a match: it is unreliable as a whole.
+ * To be fixed; for a match: it is unreliable as a whole.
  */
 #define PHASESTEREO_WARNING 2
 
 /**
- * How a call ended.
+ * The result of a call.
  */
 typedef enum phasestereo_status {
   /**
-   * All is done.
+   * Success.
    */
   PHASESTEREO_STATUS_OK = 0,
   /**
-   * An argument is not acceptable: `phasestereo_error` names it, what it got and what it accepts.
+   * An argument is invalid: `phasestereo_error` names it, its value and the accepted values.
    */
   PHASESTEREO_STATUS_INVALID_ARGUMENT = 1,
   /**
@@ -217,7 +218,7 @@ typedef enum phasestereo_status {
    */
   PHASESTEREO_STATUS_THREADS = 3,
   /**
-   * A fault of the library, which should be reported.
+   * A bug in the library, which should be reported.
    */
   PHASESTEREO_STATUS_INTERNAL = 4,
 } phasestereo_status;
@@ -228,28 +229,30 @@ typedef enum phasestereo_status {
 typedef struct phasestereo_matcher phasestereo_matcher;
 
 /**
- * A pair that any other matcher can use, and the way back of its maps. Any number of threads may use one at the same time.
+ * A pair that any other matcher can use, and the conversion of its maps back. Any number of threads may use
+ * one at the same time.
  */
 typedef struct phasestereo_prepared phasestereo_prepared;
 
 /**
- * What two cameras are, learned from pair to pair, and the temporal filter of their video. Pairs are matched one after another: of
- * two calls at the same time one is refused. It has no threads, and survives a fork.
+ * Facts about two cameras, learned from pair to pair, and the temporal filter of their video. Pairs are
+ * matched one after another: of two simultaneous calls, one is refused. It has no threads, and survives a
+ * fork.
  */
 typedef struct phasestereo_rig phasestereo_rig;
 
 /**
- * A setting by its name, both as text that ends with a zero. Names, meanings and ranges are those of the class `Settings`
- * of the Python package; values are written as there, "none" and "true" or "false" in small letters, pairs as "0, 4095".
- * It never gets another field, and so has no size.
+ * A setting by its name, both as text that ends with a zero. Names, meanings and ranges are those of the
+ * class `Settings` of the Python package; values are written in the same way, except for lowercase "none",
+ * "true" and "false", and pairs as "0, 4095". No field will ever be added, so it has no size.
  */
 typedef struct phasestereo_setting {
   /**
-   * Its name, as "median".
+   * Its name, such as "median".
    */
   const char *name;
   /**
-   * Its value, as "3".
+   * Its value, such as "3".
    */
   const char *value;
 } phasestereo_setting;
@@ -267,7 +270,8 @@ typedef struct phasestereo_image {
    */
   const void *data;
   /**
-   * Bytes from a row to the next one, at least those of a row: negative where the last row comes first in memory.
+   * Bytes from one row to the next, at least those of a row: negative if the last row comes first in
+   * memory.
    */
   ptrdiff_t stride;
   /**
@@ -287,17 +291,17 @@ typedef struct phasestereo_image {
    */
   uint32_t bits;
   /**
-   * One byte a pixel, 0 where the image is not valid; NULL: all of it is.
+   * One byte per pixel, 0 where the image is invalid; NULL: all of it is valid.
    */
   const uint8_t *mask;
   /**
-   * Bytes from a row of the mask to the next one.
+   * Bytes from one row of the mask to the next.
    */
   ptrdiff_t mask_stride;
 } phasestereo_image;
 
 /**
- * The memory that a disparity map is written to: planes of as many rows and columns as the images have. NULL: not
+ * The memory that a disparity map is written to: planes with the rows and columns of the images. NULL: not
  * wanted.
  */
 typedef struct phasestereo_map {
@@ -310,7 +314,7 @@ typedef struct phasestereo_map {
    */
   float *disparity;
   /**
-   * Bytes from a row to the next one, as of an image.
+   * Bytes from one row to the next, as for an image.
    */
   ptrdiff_t disparity_stride;
   /**
@@ -318,43 +322,44 @@ typedef struct phasestereo_map {
    */
   uint16_t *flags;
   /**
-   * Bytes from a row to the next one.
+   * Bytes from one row to the next.
    */
   ptrdiff_t flags_stride;
   /**
-   * Confidences from 0 to 1; all NaN where the settings, as those of "fast", compute none.
+   * Confidences from 0 to 1; all NaN if the settings, such as those of "fast", do not compute them.
    */
   float *confidence;
   /**
-   * Bytes from a row to the next one.
+   * Bytes from one row to the next.
    */
   ptrdiff_t confidence_stride;
   /**
    * Error bars, pixels: half the width of the interval around the disparity that holds the true one with a
-   * probability of 90 %. NaN where there is no disparity; all NaN where there are no confidences.
+   * probability of 90 %. NaN without a disparity; all NaN without confidences.
    */
   float *uncertainty;
   /**
-   * Bytes from a row to the next one.
+   * Bytes from one row to the next.
    */
   ptrdiff_t uncertainty_stride;
   /**
-   * How many pairs of a steadied rig support each disparity, 1 to 8; all 0 of any other match.
+   * How many pairs of a steadied rig support each disparity, 1 to 8; all 0 for any other match.
    */
   uint8_t *support;
   /**
-   * Bytes from a row to the next one.
+   * Bytes from one row to the next.
    */
   ptrdiff_t support_stride;
   /**
-   * Which disparities and error bars are written, the choice between accuracy and density: `PHASESTEREO_ALL`,
-   * `PHASESTEREO_TRUSTED` or `PHASESTEREO_CHECKED`. The others are NaN; flags and confidences are those of all.
+   * Which disparities and error bars are written, as a choice between accuracy and density:
+   * `PHASESTEREO_ALL`, `PHASESTEREO_TRUSTED` or `PHASESTEREO_CHECKED`. The others are NaN; flags and
+   * confidences are written for all.
    */
   uint32_t keep;
 } phasestereo_map;
 
 /**
- * A kind of relative blur: what one image lacks to be like the other. It never gets another field.
+ * A kind of relative blur: the blur that makes one image match the other. No field will ever be added to it.
  */
 typedef struct phasestereo_blur {
   /**
@@ -366,7 +371,7 @@ typedef struct phasestereo_blur {
    */
   double angle;
   /**
-   * The share of the image that has it.
+   * The share of the image with this blur.
    */
   double share;
   /**
@@ -380,7 +385,7 @@ typedef struct phasestereo_blur {
 } phasestereo_blur;
 
 /**
- * What was estimated from a pair. Numbers that were not estimated, or could not be, are NaN, and counts are 0.
+ * The estimates from a pair. Numbers that were not or could not be estimated are NaN, and counts are 0.
  */
 typedef struct phasestereo_found {
   /**
@@ -392,7 +397,7 @@ typedef struct phasestereo_found {
    */
   double confidence;
   /**
-   * Least disparity found, pixels.
+   * Smallest disparity found, pixels.
    */
   double low;
   /**
@@ -400,9 +405,9 @@ typedef struct phasestereo_found {
    */
   double high;
   /**
-   * The field of vertical offsets v: what is at row y of the left image is at y + v of the right one. With X and Y from
-   * -1 to 1 over the columns of the right and the rows of the left image, and `R2 = X^2 + Y^2`, it is
-   * `c0 + c1 X + c2 Y + c3 X Y + c4 X^2 + c5 Y^2 + c6 Y R2 + c7 X R2`, in pixels.
+   * The field of vertical offsets v: a point at row y of the left image is at y + v in the right one. With
+   * X and Y from -1 to 1 over the columns of the right and the rows of the left image, and `R2 = X^2 +
+   * Y^2`, it is `c0 + c1 X + c2 Y + c3 X Y + c4 X^2 + c5 Y^2 + c6 Y R2 + c7 X R2`, in pixels.
    */
   double rows[PHASESTEREO_TERMS];
   /**
@@ -418,8 +423,8 @@ typedef struct phasestereo_found {
    */
   double rows_spread;
   /**
-   * Certainty of the first of `blurs`, from 0 to 1: by how much better it explains its part of the images than the
-   * opposite.
+   * Certainty of the first of `blurs`, from 0 to 1: how much better it explains its part of the images
+   * than the opposite.
    */
   double certainty;
   /**
@@ -431,16 +436,18 @@ typedef struct phasestereo_found {
    */
   double noise[2];
   /**
-   * Least height by which hot, dead and stuck pixels stand out, left and right; 0: there are none.
+   * Least height of hot, dead and stuck pixels above or below their neighbors, left and right; 0: there
+   * are none.
    */
   double impulses[2];
   /**
-   * Loss of compression in blocks, left and right, as the standard deviation of a noise that would do as much harm.
+   * Loss from block compression, left and right, as the standard deviation of a noise that would do the
+   * same harm.
    */
   double coding[2];
   /**
-   * The kinds of blur, that of the largest area first. Where each image lacks something that the other one has, both
-   * blurs are there, one after the other, with the same share.
+   * The kinds of blur, that of the largest area first. If each image has a blur that the other does not,
+   * both blurs are listed, one after the other, with the same share.
    */
   struct phasestereo_blur blurs[PHASESTEREO_MOST_BLURS];
   /**
@@ -456,11 +463,11 @@ typedef struct phasestereo_found {
    */
   uint32_t rows_applied;
   /**
-   * Smallest disparity that is searched.
+   * Smallest disparity to search.
    */
   int32_t min_disparity;
   /**
-   * Number of disparities that are searched.
+   * Number of disparities to search.
    */
   int32_t num_disparities;
   /**
@@ -468,7 +475,7 @@ typedef struct phasestereo_found {
    */
   uint32_t origin;
   /**
-   * 1: left and right are swapped: all disparities are negative, and the scene shows it, too.
+   * 1: left and right are swapped: all disparities are negative, and the scene confirms it.
    */
   uint32_t swapped;
   /**
@@ -476,24 +483,24 @@ typedef struct phasestereo_found {
    */
   uint32_t mixed;
   /**
-   * 1: the images match once one of them is inverted, and not before.
+   * 1: the images match only after one of them is inverted.
    */
   uint32_t inverted;
   /**
-   * Largest offset of a row from the field, pixels, as where a rolling shutter shakes; 0: rows do not sway. The right image
-   * was straightened by both.
+   * Largest offset of a row from the field, pixels, as with a shaking rolling shutter; 0: rows do not
+   * sway. The right image was straightened by both.
    */
   double rows_sway;
   /**
-   * 1: the right camera is below the left one, as was given or found, and columns are matched: left pixel
-   * (x, y) corresponds to right pixel (x, y - d). All else that was estimated is of the images turned by a
-   * quarter, counterclockwise.
+   * 1: the right camera is below the left one, as given or found, and columns are matched: left pixel (x,
+   * y) corresponds to right pixel (x, y - d). All other estimates describe the images turned by 90 degrees
+   * counterclockwise.
    */
   uint32_t vertical;
 } phasestereo_found;
 
 /**
- * Two cameras and how their images are rectified; left and right, matrices row by row, as OpenCV has them.
+ * Two cameras and the rectification of their images; left and right, matrices row by row, as in OpenCV.
  */
 typedef struct phasestereo_calibration {
   /**
@@ -501,11 +508,12 @@ typedef struct phasestereo_calibration {
    */
   size_t struct_size;
   /**
-   * K1 and K2: focal lengths and principal points, pixels, each of its own image as it comes.
+   * K1 and K2: focal lengths and principal points, pixels, each for its own original image.
    */
   double camera[2][3][3];
   /**
-   * D1 and D2: k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4; 0 for those that a calibration does not have.
+   * D1 and D2: k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4; 0 for those that a calibration does not
+   * have.
    */
   double distortion[2][12];
   /**
@@ -513,15 +521,15 @@ typedef struct phasestereo_calibration {
    */
   double rotation[2][3][3];
   /**
-   * P1 and P2: of the rectified images, pixels; the last column of P2 is minus the distance of the cameras times the focal
-   * length, 0 where it is not known.
+   * P1 and P2: of the rectified images, pixels; the last column of P2 is minus the distance of the cameras
+   * times the focal length, 0 if unknown.
    */
   double projection[2][3][4];
 } phasestereo_calibration;
 
 /**
- * The memory that rectified images are written to, left and right: both of as many rows and columns as the left one that was
- * given, and each of the channels and bits of its own one. NULL: not wanted.
+ * The memory that rectified images are written to, left and right: both with the rows and columns of the
+ * given left one, and each with the channels and bits of its own input. NULL: not wanted.
  */
 typedef struct phasestereo_rectified {
   /**
@@ -529,30 +537,31 @@ typedef struct phasestereo_rectified {
    */
   size_t struct_size;
   /**
-   * The images; a fourth channel is left as it is.
+   * The images; a fourth channel is left unchanged.
    */
   void *image[2];
   /**
-   * Bytes from a row to the next one, as of an image.
+   * Bytes from one row to the next, as for an image.
    */
   ptrdiff_t stride[2];
   /**
-   * One byte a pixel: 1 where it is valid, 0 where it lies outside the image that was given.
+   * One byte per pixel: 1 where it is valid, 0 where it lies outside the given image.
    */
   uint8_t *mask[2];
   /**
-   * Bytes from a row to the next one.
+   * Bytes from one row to the next.
    */
   ptrdiff_t mask_stride[2];
   /**
-   * Written by the call: OpenCV's matrix Q, in the unit of the calibration's translation; NaN where the distance of the
-   * cameras is not known.
+   * Written by the call: OpenCV's matrix Q, in the unit of the calibration's translation; NaN if the
+   * distance of the cameras is unknown.
    */
   double q[4][4];
 } phasestereo_rectified;
 
 /**
- * Maps of the rectified left camera, each of `height` rows of `width` values. All but the depths may be NULL.
+ * Maps of the rectified left camera, each with `height` rows of `width` values. All except the depths may be
+ * NULL.
  */
 typedef struct phasestereo_depths {
   /**
@@ -568,12 +577,13 @@ typedef struct phasestereo_depths {
    */
   uint32_t height;
   /**
-   * Depths, in the unit of the distance of the cameras: the focal length times that distance, divided by the disparity plus
-   * the difference of the principal points, right - left. What is not finite is missing.
+   * Depths, in the unit of the distance of the cameras: the focal length times that distance, divided by
+   * the disparity plus the difference of the principal points, right - left. Non-finite values are
+   * missing.
    */
   const float *depth;
   /**
-   * Bytes from a row to the next one, of all of them.
+   * Bytes from one row to the next, for all of them.
    */
   ptrdiff_t stride;
   /**
@@ -591,7 +601,7 @@ typedef struct phasestereo_depths {
 } phasestereo_depths;
 
 /**
- * A camera beside a rectified pair, and where it is; matrices row by row.
+ * A camera beside a rectified pair, and its pose; matrices row by row.
  */
 typedef struct phasestereo_camera {
   /**
@@ -603,11 +613,12 @@ typedef struct phasestereo_camera {
    */
   double matrix[3][3];
   /**
-   * As `cv::projectPoints` takes it: k1, k2, p1, p2, k3 to k6, s1 to s4, tau x, tau y; 0 for those that a calibration does not have.
+   * In the form of `cv::projectPoints`: k1, k2, p1, p2, k3 to k6, s1 to s4, tau x, tau y; 0 for those that
+   * a calibration does not have.
    */
   double distortion[14];
   /**
-   * `rotation X + translation` leads from the rectified left camera to this one.
+   * `rotation X + translation` maps the rectified left camera's points to this one.
    */
   double rotation[3][3];
   /**
@@ -641,7 +652,7 @@ typedef struct phasestereo_registered {
    */
   float *depth;
   /**
-   * Bytes from a row to the next one, of this and the three after it.
+   * Bytes from one row to the next, for this and the three after it.
    */
   ptrdiff_t stride;
   /**
@@ -661,7 +672,7 @@ typedef struct phasestereo_registered {
    */
   int64_t *source;
   /**
-   * Bytes from a row to the next one.
+   * Bytes from one row to the next.
    */
   ptrdiff_t source_stride;
   /**
@@ -673,13 +684,13 @@ typedef struct phasestereo_registered {
    */
   uint8_t *occluded;
   /**
-   * Bytes from a row to the next one, of the last two.
+   * Bytes from one row to the next, for the last two.
    */
   ptrdiff_t flags_stride;
 } phasestereo_registered;
 
 /**
- * One thing that there is to say about a pair or its match. Texts end with a zero.
+ * One statement about a pair or its match. Texts end with a zero.
  */
 typedef struct phasestereo_finding {
   /**
@@ -687,7 +698,7 @@ typedef struct phasestereo_finding {
    */
   size_t struct_size;
   /**
-   * What it is about, as "range"; the names are those of the Python package.
+   * Its topic, such as "range"; the names are those of the Python package.
    */
   const char *topic;
   /**
@@ -705,23 +716,24 @@ extern "C" {
 #endif // __cplusplus
 
 /**
- * The version of the library, as "0.1.0".
+ * The version of the library, such as "0.1.0".
  */
 const char *phasestereo_version(void);
 
 /**
- * The message of the last call on this thread that failed; empty if none has. It is valid until the next call that
- * fails.
+ * The message of the last failed call on this thread; empty if there was none. It is valid until the next
+ * call that fails.
  */
 const char *phasestereo_error(void);
 
 /**
- * Makes a matcher with the settings of a preset, "robust", "fast" or "paper" (NULL: "robust"), but for those
- * that are listed. One more is "vertical": "true" where the right camera is below the left one, "false"
- * where it is beside it, "none" (the default) to match columns where a pair clearly shows the former.
- * `threads` is 1 to 1024, or 0: all processors of the process. NULL if it fails: see `phasestereo_error`.
+ * Makes a matcher with the settings of a preset, "robust", "fast" or "paper" (NULL: "robust"), changed by
+ * the listed settings. One more setting is "vertical": "true" if the right camera is below the left one,
+ * "false" if it is beside it, "none" (the default) to match columns if a pair clearly shows the former.
+ * `threads` is 1 to 1024, or 0: all processors available to the process. NULL if it fails: see
+ * `phasestereo_error`.
  *
- * Texts end with a zero; `settings` are `count` of them, or NULL where `count` is 0.
+ * Texts end with a zero; `settings` points to `count` of them, or is NULL if `count` is 0.
  */
 struct phasestereo_matcher *phasestereo_new(const char *preset,
                                             const struct phasestereo_setting *settings,
@@ -729,26 +741,26 @@ struct phasestereo_matcher *phasestereo_new(const char *preset,
                                             uint32_t threads);
 
 /**
- * Frees a matcher with its threads and its memory. NULL is ignored, and so is a matcher that was made before a fork, whose
- * threads are the other process's.
+ * Frees a matcher with its threads and its memory. NULL is ignored, and so is a matcher made before a fork,
+ * whose threads belong to the other process.
  *
- * The matcher is one of `phasestereo_new`, no call is using it, and none will.
+ * The matcher comes from `phasestereo_new`, no call is using it, and none will.
  */
 void phasestereo_free(struct phasestereo_matcher *matcher);
 
 /**
- * The number of threads of a matcher; 0 of NULL.
+ * The number of threads of a matcher; 0 for NULL.
  *
- * The matcher is one of `phasestereo_new`, or NULL.
+ * The matcher comes from `phasestereo_new`, or is NULL.
  */
 uint32_t phasestereo_threads(const struct phasestereo_matcher *matcher);
 
 /**
- * The most bytes of working memory that the match of images takes, whose pixels, all channels together, take
- * `pixel_bytes` each; 0 if an argument is not acceptable. Images and maps of the caller are not included, nor the
- * codes of the right image that are kept for each kind of blur that is compensated for.
+ * The most bytes of working memory for a match of images where each pixel, all channels together, takes
+ * `pixel_bytes`; 0 if an argument is invalid. The caller's images and maps are not included, nor the codes
+ * of the right image that are kept for each kind of compensated blur.
  *
- * The matcher is one of `phasestereo_new`.
+ * The matcher comes from `phasestereo_new`.
  */
 uint64_t phasestereo_memory(const struct phasestereo_matcher *matcher,
                             uint32_t width,
@@ -757,13 +769,13 @@ uint64_t phasestereo_memory(const struct phasestereo_matcher *matcher,
                             uint32_t num_disparities);
 
 /**
- * Matches a rectified pair; a right image of another size or number of bits is brought to those of the left one. The
- * disparities [`min_disparity`, `min_disparity` + `num_disparities`) are searched, `num_disparities` from 1 to the width; with 0 the range is estimated, and
- * `min_disparity` is 0. Left pixel (x, y) corresponds to right pixel (x - d, y). What was estimated from the pair is written
- * to `found`, unless that is NULL; `phasestereo_get_finding` says what it means. If the call fails, nothing is written.
+ * Matches a rectified pair; a right image of another size or number of bits is converted to those of the
+ * left one. The disparities [`min_disparity`, `min_disparity` + `num_disparities`) are searched, with
+ * `num_disparities` from 1 to the width; with 0 the range is estimated, and `min_disparity` must be 0. Left
+ * pixel (x, y) corresponds to right pixel (x - d, y). The estimates from the pair are written to `found`,
+ * unless that is NULL; `phasestereo_get_finding` explains them. If the call fails, nothing is written.
  *
- * Pointers are to what their types say; the planes of `map` have rows of as many values as the left image has columns, and
- * as many rows.
+ * Pointers are valid for their types; the planes of `map` have the rows and columns of the left image.
  */
 enum phasestereo_status phasestereo_match(const struct phasestereo_matcher *matcher,
                                           const struct phasestereo_image *left,
@@ -774,12 +786,12 @@ enum phasestereo_status phasestereo_match(const struct phasestereo_matcher *matc
                                           struct phasestereo_found *found);
 
 /**
- * Matches the same pair from the right image: right pixel (x, y) corresponds to left pixel (x + d, y), with disparities of
- * the same range. It is the map of the exchanged, mirrored pair, mirrored back; what is written to `found` is of that pair, and
- * it takes as long as another match. The planes of `map` have the size of the right image.
+ * Matches the same pair from the right image: right pixel (x, y) corresponds to left pixel (x + d, y), with
+ * disparities of the same range. It is the map of the exchanged, mirrored pair, mirrored back; `found`
+ * describes that pair, and it takes as long as another match. The planes of `map` have the size of the right
+ * image.
  *
- * Pointers are to what their types say; the planes of `map` have rows of as many values as the right image has columns, and
- * as many rows.
+ * Pointers are valid for their types; the planes of `map` have the rows and columns of the right image.
  */
 enum phasestereo_status phasestereo_match_right(const struct phasestereo_matcher *matcher,
                                                 const struct phasestereo_image *left,
@@ -790,11 +802,12 @@ enum phasestereo_status phasestereo_match_right(const struct phasestereo_matcher
                                                 struct phasestereo_found *found);
 
 /**
- * Diagnoses a pair: estimates what a match with these settings would estimate (the disparities, if they are not given,
- * how rows correspond, blur, noise), and matches a copy of at most 0.4 megapixels. If that match fails, the first finding
- * warns of it. The arguments are those of `phasestereo_match`.
+ * Diagnoses a pair: estimates everything that a match with these settings would estimate (the disparities,
+ * if they are not given, the correspondence of rows, blur, noise), and matches a copy of at most 0.4
+ * megapixels. If that match fails, the first finding is a warning about it. The arguments are those of
+ * `phasestereo_match`.
  *
- * Pointers are to what their types say.
+ * Pointers are valid for their types.
  */
 enum phasestereo_status phasestereo_check(const struct phasestereo_matcher *matcher,
                                           const struct phasestereo_image *left,
@@ -804,12 +817,13 @@ enum phasestereo_status phasestereo_check(const struct phasestereo_matcher *matc
                                           struct phasestereo_found *found);
 
 /**
- * Prepares a pair for any other matcher, by what a match finds out about it: images that are rectified, of rows that correspond,
- * equally sharp and bright. `max_disparity` is the largest disparity that the other matcher can answer, pixels, to which images are
- * cropped and reduced; 0: any number. All else is as of `phasestereo_match`. NULL if it fails: see `phasestereo_error`.
- * `phasestereo_get_finding` says what was found.
+ * Prepares a pair for any other matcher, using the estimates of a match: the images are rectified, with
+ * corresponding rows, equally sharp and bright. `max_disparity` is the largest disparity that the other
+ * matcher can return, pixels; images are cropped and reduced to it; 0: any number. Everything else is as for
+ * `phasestereo_match`. NULL if it fails: see `phasestereo_error`. `phasestereo_get_finding` returns the
+ * findings.
  *
- * Pointers are to what their types say.
+ * Pointers are valid for their types.
  */
 struct phasestereo_prepared *phasestereo_prepare(const struct phasestereo_matcher *matcher,
                                                  const struct phasestereo_image *left,
@@ -821,41 +835,42 @@ struct phasestereo_prepared *phasestereo_prepare(const struct phasestereo_matche
 /**
  * Frees a prepared pair with its images. NULL is ignored.
  *
- * The pair is one of `phasestereo_prepare`, no call is using it, and none will.
+ * The pair comes from `phasestereo_prepare`, no call is using it, and none will.
  */
 void phasestereo_prepared_free(struct phasestereo_prepared *prepared);
 
 /**
- * Writes where the prepared left image (`side` 0) or right one (1) is, gray or RGB, without a mask. Its pixels belong to the
- * pair: they are there until it is freed.
+ * Describes the prepared left image (`side` 0) or right one (1): gray or RGB, without a mask. Its pixels
+ * belong to the pair and are valid until it is freed.
  *
- * The pair is one of `phasestereo_prepare`, and `image` a place for an image, whose size is set.
+ * The pair comes from `phasestereo_prepare`, and `image` points to memory for an image, with its size set.
  */
 enum phasestereo_status phasestereo_prepared_image(const struct phasestereo_prepared *prepared,
                                                    uint32_t side,
                                                    struct phasestereo_image *image);
 
 /**
- * The number of disparities of a prepared pair, from 0 on; 0 of NULL.
+ * The number of disparities of a prepared pair, starting at 0; 0 for NULL.
  *
- * The pair is one of `phasestereo_prepare`, or NULL.
+ * The pair comes from `phasestereo_prepare`, or is NULL.
  */
 uint32_t phasestereo_prepared_disparities(const struct phasestereo_prepared *prepared);
 
 /**
- * What was done to a pair, one sentence after another; NULL beyond the last one. The text belongs to the pair.
+ * The changes made to a pair, one sentence after another; NULL beyond the last one. The text belongs to the
+ * pair.
  *
- * The pair is one of `phasestereo_prepare`, or NULL.
+ * The pair comes from `phasestereo_prepare`, or is NULL.
  */
 const char *phasestereo_prepared_done(const struct phasestereo_prepared *prepared, uint32_t index);
 
 /**
- * Writes a disparity map of a prepared pair as one of the left image as it came, in pixels: of `map`, what is not finite is
- * missing, and where it is not of the size of the prepared images, its disparities are in pixels of its own. NaN where there is
- * none. If the call fails, nothing is written.
+ * Converts a disparity map of a prepared pair to the original left image, in pixels. Non-finite values of
+ * `map` are missing; if it has another size than the prepared images, its disparities are in its own pixels.
+ * Missing results are NaN. If the call fails, nothing is written.
  *
- * The pair is one of `phasestereo_prepare`; `map` has `height` rows of `width` values, `map_stride` bytes from one to the next;
- * `disparity` has rows of as many values as the left image has columns, and as many rows.
+ * The pair comes from `phasestereo_prepare`; `map` has `height` rows of `width` values, `map_stride` bytes
+ * from one to the next; `disparity` has the rows and columns of the left image.
  */
 enum phasestereo_status phasestereo_restore(const struct phasestereo_prepared *prepared,
                                             const float *map,
@@ -866,12 +881,13 @@ enum phasestereo_status phasestereo_restore(const struct phasestereo_prepared *p
                                             ptrdiff_t disparity_stride);
 
 /**
- * Fills in `rotation` and `projection` of a calibration of which `camera` and `distortion` are given: those that OpenCV's
- * `stereoRectify` finds with `CALIB_ZERO_DISPARITY` and `alpha` -1. `rotation`, 9 numbers row by row, and `translation`, 3 of
- * any unit, lead from the left camera to the right one: `X_right = R X_left + T`. The cameras are side by side. Rectified images
- * have the size of the left ones, `width` and `height`; right ones may come in another size.
+ * Fills in `rotation` and `projection` of a calibration with given `camera` and `distortion`, as OpenCV's
+ * `stereoRectify` does with `CALIB_ZERO_DISPARITY` and `alpha` -1. `rotation`, 9 numbers row by row, and
+ * `translation`, 3 of any unit, map the left camera's points to the right one: `X_right = R X_left + T`. The
+ * cameras are side by side. Rectified images have the size of the left ones, `width` and `height`; right
+ * ones may have another size.
  *
- * Pointers are to what their types say, `rotation` to 9 numbers and `translation` to 3.
+ * Pointers are valid for their types, `rotation` for 9 numbers and `translation` for 3.
  */
 enum phasestereo_status phasestereo_stereo_rectify(struct phasestereo_calibration *calibration,
                                                    const double *rotation,
@@ -882,10 +898,10 @@ enum phasestereo_status phasestereo_stereo_rectify(struct phasestereo_calibratio
                                                    uint32_t right_height);
 
 /**
- * Fills in all of a calibration by what two raw images show alone; it holds for all images of these cameras. The
- * distance of the cameras is not known by that. `phasestereo_get_finding` says what was found.
+ * Fills in a whole calibration from two raw images alone; it holds for all images of these cameras. The
+ * distance of the cameras remains unknown. `phasestereo_get_finding` returns the findings.
  *
- * Pointers are to what their types say.
+ * Pointers are valid for their types.
  */
 enum phasestereo_status phasestereo_estimate_calibration(const struct phasestereo_matcher *matcher,
                                                          const struct phasestereo_image *left,
@@ -893,12 +909,11 @@ enum phasestereo_status phasestereo_estimate_calibration(const struct phasestere
                                                          struct phasestereo_calibration *calibration);
 
 /**
- * Rectifies two raw images, so that what both show lies on the same row; a right image of another size is brought to that of
- * the left one. `interpolation` is `PHASESTEREO_LINEAR` or `PHASESTEREO_LANCZOS`. What is written to may be given as the images to
- * match, with the masks. If the call fails, nothing is written.
+ * Rectifies two raw images, so that points that both show lie on the same row; a right image of another size
+ * is scaled to that of the left one. `interpolation` is `PHASESTEREO_LINEAR` or `PHASESTEREO_LANCZOS`. The
+ * outputs may be passed as the images to match, with their masks. If the call fails, nothing is written.
  *
- * Pointers are to what their types say; the planes of `rectified` have rows of as many pixels as the left image has columns,
- * and as many rows.
+ * Pointers are valid for their types; the planes of `rectified` have the rows and columns of the left image.
  */
 enum phasestereo_status phasestereo_rectify(const struct phasestereo_matcher *matcher,
                                             const struct phasestereo_image *left,
@@ -908,11 +923,12 @@ enum phasestereo_status phasestereo_rectify(const struct phasestereo_matcher *ma
                                             struct phasestereo_rectified *rectified);
 
 /**
- * Writes depths of the rectified left camera, their error bars and confidences as a third camera sees them, of several the
- * nearest. `calibration` is that of the rectified pair, whose `projection` is read; P2 has the distance of the cameras. Error
- * bars and confidences that are not given are NaN. If the call fails, nothing is written.
+ * Writes depths of the rectified left camera, their error bars and confidences as seen by a third camera,
+ * taking the nearest of several. `calibration` is that of the rectified pair; only its `projection` is read,
+ * with the distance of the cameras in P2. Error bars and confidences that are not given are NaN. If the call
+ * fails, nothing is written.
  *
- * Pointers are to what their types say, maps to this many rows and columns.
+ * Pointers are valid for their types, maps for this many rows and columns.
  */
 enum phasestereo_status phasestereo_register(const struct phasestereo_matcher *matcher,
                                              const struct phasestereo_depths *depths,
@@ -921,28 +937,27 @@ enum phasestereo_status phasestereo_register(const struct phasestereo_matcher *m
                                              const struct phasestereo_registered *registered);
 
 /**
- * Makes a rig that has seen nothing, or knows what a `text` says that `phasestereo_rig_text` wrote (NULL: nothing). With `steadied`
- * 1 disparities of its pairs are filtered over time where neither image changes; 0: they are not. Blur is estimated anew after
- * `reestimate` pairs at the latest, 0: 30; with 1 every pair is matched by itself. NULL if it fails.
+ * Makes a new rig, or restores one from a `text` that `phasestereo_rig_text` wrote (NULL: new). With
+ * `steadied` 1, disparities of its pairs are filtered over time where neither image changes; with 0, they
+ * are not. Blur is estimated again after at most `reestimate` pairs, 0: 30; with 1 every pair is matched by
+ * itself. NULL if it fails.
  *
  * The text ends with a zero, or is NULL.
  */
-struct phasestereo_rig *phasestereo_rig_new(const char *text,
-                                            uint32_t steadied,
-                                            uint32_t reestimate);
+struct phasestereo_rig *phasestereo_rig_new(const char *text, uint32_t steadied, uint32_t reestimate);
 
 /**
  * Frees a rig. NULL is ignored.
  *
- * The rig is one of `phasestereo_rig_new`, no call is using it, and none will.
+ * The rig comes from `phasestereo_rig_new`, no call is using it, and none will.
  */
 void phasestereo_rig_free(struct phasestereo_rig *rig);
 
 /**
- * Matches the next pair of a rig, which learns from it; all else is as of `phasestereo_match`. A call that fails teaches it
- * nothing. The matcher may be another one for each pair.
+ * Matches the next pair of a rig, which learns from it; everything else is as for `phasestereo_match`. It
+ * learns nothing from a call that fails. The matcher may differ from pair to pair.
  *
- * As of `phasestereo_match`; the rig is one of `phasestereo_rig_new`.
+ * As for `phasestereo_match`; the rig comes from `phasestereo_rig_new`.
  */
 enum phasestereo_status phasestereo_rig_match(struct phasestereo_rig *rig,
                                               const struct phasestereo_matcher *matcher,
@@ -954,32 +969,29 @@ enum phasestereo_status phasestereo_rig_match(struct phasestereo_rig *rig,
                                               struct phasestereo_found *found);
 
 /**
- * Forgets all pairs of a rig, and what a text said of it: it is as a new one.
+ * Forgets all pairs of a rig, and the facts from a text: it is like a new one.
  *
- * The rig is one of `phasestereo_rig_new`.
+ * The rig comes from `phasestereo_rig_new`.
  */
 enum phasestereo_status phasestereo_rig_reset(struct phasestereo_rig *rig);
 
 /**
- * Writes what is known of the cameras as text that ends with a zero, if it fits into `room` bytes, and returns its size in bytes;
- * 0 if it fails. `text` may be NULL where `room` is 0. `phasestereo_rig_new` and Python's `Rig.load` read it; the temporal filter is
- * left out.
+ * Writes the known facts about the cameras as text that ends with a zero, if it fits into `room` bytes, and
+ * returns its size in bytes; 0 if it fails. `text` may be NULL if `room` is 0. `phasestereo_rig_new` and
+ * Python's `Rig.load` read it; the temporal filter is left out.
  *
- * The rig is one of `phasestereo_rig_new`, and `text` a place for `room` bytes.
+ * The rig comes from `phasestereo_rig_new`, and `text` points to `room` bytes.
  */
-size_t phasestereo_rig_text(const struct phasestereo_rig *rig,
-                            char *text,
-                            size_t room);
+size_t phasestereo_rig_text(const struct phasestereo_rig *rig, char *text, size_t room);
 
 /**
- * Writes a finding of the last match, check or estimate of this thread that succeeded, and returns 1; 0 if it has fewer,
- * or `finding` is not acceptable. Those of a match are what is worth knowing, the worst first; those of a check all that was
- * looked at, in a fixed order. Texts are valid until the next such call of this thread.
+ * Writes a finding of the last successful match, check or estimate on this thread, and returns 1; 0 if there
+ * are fewer, or `finding` is invalid. A match has noteworthy findings, the worst first; a check has one for
+ * everything examined, in a fixed order. Texts are valid until the next such call on this thread.
  *
- * The pointer is to a place for a finding.
+ * The pointer is to memory for a finding.
  */
-uint32_t phasestereo_get_finding(uint32_t index,
-                                 struct phasestereo_finding *finding);
+uint32_t phasestereo_get_finding(uint32_t index, struct phasestereo_finding *finding);
 
 #ifdef __cplusplus
 }  // extern "C"

@@ -14,7 +14,7 @@ pub const PHASESTEREO_MOST_BLURS: usize = 8;
 pub const PHASESTEREO_TERMS: usize = 8;
 const _: () = assert!(PHASESTEREO_TERMS == TERMS);
 
-/// Neither image: both are alike.
+/// Neither image: both are equally sharp.
 pub const PHASESTEREO_NEITHER: u32 = 0;
 /// The left image.
 pub const PHASESTEREO_LEFT: u32 = 1;
@@ -29,7 +29,7 @@ pub const PHASESTEREO_GAUSSIAN: u32 = 1;
 pub const PHASESTEREO_DISK: u32 = 2;
 /// A straight motion; its size is the length.
 pub const PHASESTEREO_MOTION: u32 = 3;
-/// Defocus of a lens whose middle is covered; its size is the outer radius.
+/// Defocus of a lens with a covered middle; its size is the outer radius.
 pub const PHASESTEREO_ANNULUS: u32 = 4;
 /// None of these families; its size is the root mean square radius.
 pub const PHASESTEREO_OTHER: u32 = 5;
@@ -38,10 +38,10 @@ pub const PHASESTEREO_OTHER: u32 = 5;
 pub const PHASESTEREO_GIVEN: u32 = 0;
 /// The disparities were estimated from the images.
 pub const PHASESTEREO_FOUND: u32 = 1;
-/// The range could not be estimated: the disparities are a third of the width.
+/// The range could not be estimated: the number of disparities is a third of the width.
 pub const PHASESTEREO_DEFAULT: u32 = 2;
 
-/// A kind of relative blur: what one image lacks to be like the other. It never gets another field.
+/// A kind of relative blur: the blur that makes one image match the other. No field will ever be added to it.
 #[derive(Debug, Clone, Copy, Default)]
 #[repr(C)]
 pub struct Blur {
@@ -49,7 +49,7 @@ pub struct Blur {
     pub size: f64,
     /// Direction of a motion, degrees in [0, 180): 0 is along x, 90 along y.
     pub angle: f64,
-    /// The share of the image that has it.
+    /// The share of the image with this blur.
     pub share: f64,
     /// The softer image: `PHASESTEREO_NEITHER`, `PHASESTEREO_LEFT` or `PHASESTEREO_RIGHT`.
     pub side: u32,
@@ -57,7 +57,7 @@ pub struct Blur {
     pub kind: u32,
 }
 
-/// What was estimated from a pair. Numbers that were not estimated, or could not be, are NaN, and counts are 0.
+/// The estimates from a pair. Numbers that were not or could not be estimated are NaN, and counts are 0.
 #[derive(Debug, Clone, Copy)]
 #[repr(C)]
 pub struct Found {
@@ -65,13 +65,13 @@ pub struct Found {
     pub struct_size: usize,
     /// Mean confidence, 0 to 1, of a rough match of small copies.
     pub confidence: f64,
-    /// Least disparity found, pixels.
+    /// Smallest disparity found, pixels.
     pub low: f64,
     /// Largest disparity found, pixels.
     pub high: f64,
-    /// The field of vertical offsets v: what is at row y of the left image is at y + v of the right one. With X and Y from
-    /// -1 to 1 over the columns of the right and the rows of the left image, and `R2 = X^2 + Y^2`, it is
-    /// `c0 + c1 X + c2 Y + c3 X Y + c4 X^2 + c5 Y^2 + c6 Y R2 + c7 X R2`, in pixels.
+    /// The field of vertical offsets v: a point at row y of the left image is at y + v in the right one. With
+    /// X and Y from -1 to 1 over the columns of the right and the rows of the left image, and `R2 = X^2 +
+    /// Y^2`, it is `c0 + c1 X + c2 Y + c3 X Y + c4 X^2 + c5 Y^2 + c6 Y R2 + c7 X R2`, in pixels.
     pub rows: [f64; PHASESTEREO_TERMS],
     /// Root mean square of v over the image, pixels.
     pub rows_rms: f64,
@@ -79,19 +79,21 @@ pub struct Found {
     pub rows_error: f64,
     /// Robust standard deviation of the blocks from it, pixels.
     pub rows_spread: f64,
-    /// Certainty of the first of `blurs`, from 0 to 1: by how much better it explains its part of the images than the
-    /// opposite.
+    /// Certainty of the first of `blurs`, from 0 to 1: how much better it explains its part of the images
+    /// than the opposite.
     pub certainty: f64,
     /// Contrast of the left image relative to the right one.
     pub contrast: f64,
     /// Standard deviations of the noise, left and right, in units of the pixels.
     pub noise: [f64; 2],
-    /// Least height by which hot, dead and stuck pixels stand out, left and right; 0: there are none.
+    /// Least height of hot, dead and stuck pixels above or below their neighbors, left and right; 0: there
+    /// are none.
     pub impulses: [f64; 2],
-    /// Loss of compression in blocks, left and right, as the standard deviation of a noise that would do as much harm.
+    /// Loss from block compression, left and right, as the standard deviation of a noise that would do the
+    /// same harm.
     pub coding: [f64; 2],
-    /// The kinds of blur, that of the largest area first. Where each image lacks something that the other one has, both
-    /// blurs are there, one after the other, with the same share.
+    /// The kinds of blur, that of the largest area first. If each image has a blur that the other does not,
+    /// both blurs are listed, one after the other, with the same share.
     pub blurs: [Blur; PHASESTEREO_MOST_BLURS],
     /// Number of kinds of blur; 0: blur was not estimated.
     pub num_blurs: u32,
@@ -99,24 +101,24 @@ pub struct Found {
     pub rows_blocks: u32,
     /// 1: the right image was straightened by the field.
     pub rows_applied: u32,
-    /// Smallest disparity that is searched.
+    /// Smallest disparity to search.
     pub min_disparity: i32,
-    /// Number of disparities that are searched.
+    /// Number of disparities to search.
     pub num_disparities: i32,
     /// Origin of the disparities: `PHASESTEREO_GIVEN`, `PHASESTEREO_FOUND` or `PHASESTEREO_DEFAULT`.
     pub origin: u32,
-    /// 1: left and right are swapped: all disparities are negative, and the scene shows it, too.
+    /// 1: left and right are swapped: all disparities are negative, and the scene confirms it.
     pub swapped: u32,
     /// 1: many disparities of either sign are clearly not zero.
     pub mixed: u32,
-    /// 1: the images match once one of them is inverted, and not before.
+    /// 1: the images match only after one of them is inverted.
     pub inverted: u32,
-    /// Largest offset of a row from the field, pixels, as where a rolling shutter shakes; 0: rows do not sway. The right image
-    /// was straightened by both.
+    /// Largest offset of a row from the field, pixels, as with a shaking rolling shutter; 0: rows do not
+    /// sway. The right image was straightened by both.
     pub rows_sway: f64,
-    /// 1: the right camera is below the left one, as was given or found, and columns are matched: left pixel
-    /// (x, y) corresponds to right pixel (x, y - d). All else that was estimated is of the images turned by a
-    /// quarter, counterclockwise.
+    /// 1: the right camera is below the left one, as given or found, and columns are matched: left pixel (x,
+    /// y) corresponds to right pixel (x, y - d). All other estimates describe the images turned by 90 degrees
+    /// counterclockwise.
     pub vertical: u32,
 }
 
@@ -171,7 +173,8 @@ impl Found {
     }
 }
 
-/// The kinds of blur with their shares of the image; of a kind that both images have, both blurs with the same share.
+/// The kinds of blur with their shares of the image; for a kind that both images have, both blurs with the
+/// same share.
 fn blurs(estimate: &BlurEstimate) -> Vec<Blur> {
     let mut blurs = vec![];
     for (kind, share) in estimate.blurs.iter().zip(estimate.shares()) {
@@ -183,13 +186,13 @@ fn blurs(estimate: &BlurEstimate) -> Vec<Blur> {
         }
     }
 
-    // A kind of both images is the only one; of disks that follow depth there may be more.
+    // A kind of both images is the only one; disks that follow depth may be more numerous.
     blurs.truncate(PHASESTEREO_MOST_BLURS);
     blurs
 }
 
 impl Blur {
-    /// A kind of blur, of which the share is not known yet.
+    /// A kind of blur, with an unknown share so far.
     fn new(blur: &found::Blur) -> Self {
         let (kind, size, angle) = match (blur.psf, &blur.taps) {
             (Some(psf), _) => (kind(psf.family), psf.size, psf.angle),
@@ -206,7 +209,7 @@ impl Blur {
         Self { size, angle, share: 0.0, side: softer, kind }
     }
 
-    /// The blur of a family; the rest as of another one.
+    /// The blur of a family; other fields are copied from another one.
     fn of_psf(psf: Psf, like: Self) -> Self {
         Self { size: psf.size, angle: psf.angle, kind: kind(psf.family), ..like }
     }

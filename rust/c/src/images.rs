@@ -13,39 +13,39 @@ use crate::sized::Growing;
 pub const PHASESTEREO_GRAY: u32 = 0;
 /// Red, green, blue.
 pub const PHASESTEREO_RGB: u32 = 1;
-/// Red, green, blue, and alpha: the image is not valid where that is 0, unless it is 0 everywhere.
+/// Red, green, blue, and alpha: pixels with alpha 0 are invalid, unless it is 0 everywhere.
 pub const PHASESTEREO_RGBA: u32 = 2;
-/// Blue, green, red, as `OpenCV` has them.
+/// Blue, green, red, as in `OpenCV`.
 pub const PHASESTEREO_BGR: u32 = 3;
-/// Blue, green, red, and alpha: the image is not valid where that is 0, unless it is 0 everywhere.
+/// Blue, green, red, and alpha: pixels with alpha 0 are invalid, unless it is 0 everywhere.
 pub const PHASESTEREO_BGRA: u32 = 4;
 
-/// No candidate has a valid pixel in the right image: there is no estimate.
+/// No candidate has a valid pixel in the right image: no estimate.
 pub const PHASESTEREO_NO_CANDIDATE: u16 = 2;
 /// The match lies outside the right image.
 pub const PHASESTEREO_OUTSIDE: u16 = 4;
-/// The left pixel is not seen in the right image: the right pixel of its match belongs to another one.
+/// The right image does not show the left pixel: the right pixel of its match belongs to another one.
 pub const PHASESTEREO_OCCLUDED: u16 = 16;
-/// The match belongs to another left pixel, too, although the right image sees this one.
+/// The match belongs to another left pixel, although the right image shows this one, too.
 pub const PHASESTEREO_MISMATCHED: u16 = 32;
 /// Another candidate costs about as much.
 pub const PHASESTEREO_LOW_CONFIDENCE: u16 = 64;
-/// The pixel belongs to a small region that differs from all around it.
+/// The pixel belongs to a small region that differs from everything around it.
 pub const PHASESTEREO_SPECKLE: u16 = 128;
-/// The disparity is that of other pixels: this one's own is not trusted.
+/// The disparity comes from other pixels: this one's own is not trusted.
 pub const PHASESTEREO_FILLED: u16 = 256;
 /// A disparity elsewhere fits nearly as well.
 pub const PHASESTEREO_AMBIGUOUS: u16 = 512;
-/// The disparity is that of a plane, drawn into a flat area without evidence of its own.
+/// The disparity is that of a plane drawn into a flat area without evidence of its own.
 pub const PHASESTEREO_INFERRED: u16 = 1024;
-/// The disparity is that of a smaller copy of the pair; the other flags are those of the copy.
+/// The disparity comes from a smaller copy of the pair; the other flags are those of the copy.
 pub const PHASESTEREO_COARSE: u16 = 2048;
 
 /// Every disparity is written.
 pub const PHASESTEREO_ALL: u32 = 0;
-/// Disparities are written that are probably within 1 px of the true ones: what to use for depths.
+/// Only disparities that are probably within 1 px of the true ones are written: use this for depths.
 pub const PHASESTEREO_TRUSTED: u32 = 1;
-/// Trusted disparities are written that no flag speaks against: fewer, and more of them are right.
+/// Only trusted disparities without a flag are written: fewer, but more of them are right.
 pub const PHASESTEREO_CHECKED: u32 = 2;
 const _: () = {
     assert!(PHASESTEREO_NO_CANDIDATE == flag::NO_CANDIDATE);
@@ -68,7 +68,8 @@ pub struct Image {
     pub struct_size: usize,
     /// The first pixel of the first row.
     pub data: *const c_void,
-    /// Bytes from a row to the next one, at least those of a row: negative where the last row comes first in memory.
+    /// Bytes from one row to the next, at least those of a row: negative if the last row comes first in
+    /// memory.
     pub stride: isize,
     /// Columns.
     pub width: u32,
@@ -78,13 +79,13 @@ pub struct Image {
     pub channels: u32,
     /// Bits of a channel: 8, or 16 in the byte order of the machine.
     pub bits: u32,
-    /// One byte a pixel, 0 where the image is not valid; NULL: all of it is.
+    /// One byte per pixel, 0 where the image is invalid; NULL: all of it is valid.
     pub mask: *const u8,
-    /// Bytes from a row of the mask to the next one.
+    /// Bytes from one row of the mask to the next.
     pub mask_stride: isize,
 }
 
-/// The memory that a disparity map is written to: planes of as many rows and columns as the images have. NULL: not
+/// The memory that a disparity map is written to: planes with the rows and columns of the images. NULL: not
 /// wanted.
 #[derive(Debug, Clone, Copy)]
 #[repr(C)]
@@ -93,27 +94,28 @@ pub struct Map {
     pub struct_size: usize,
     /// Disparities, pixels; NaN: none.
     pub disparity: *mut f32,
-    /// Bytes from a row to the next one, as of an image.
+    /// Bytes from one row to the next, as for an image.
     pub disparity_stride: isize,
     /// Flags: the sum of `PHASESTEREO_OUTSIDE`, `PHASESTEREO_OCCLUDED` and so on.
     pub flags: *mut u16,
-    /// Bytes from a row to the next one.
+    /// Bytes from one row to the next.
     pub flags_stride: isize,
-    /// Confidences from 0 to 1; all NaN where the settings, as those of "fast", compute none.
+    /// Confidences from 0 to 1; all NaN if the settings, such as those of "fast", do not compute them.
     pub confidence: *mut f32,
-    /// Bytes from a row to the next one.
+    /// Bytes from one row to the next.
     pub confidence_stride: isize,
     /// Error bars, pixels: half the width of the interval around the disparity that holds the true one with a
-    /// probability of 90 %. NaN where there is no disparity; all NaN where there are no confidences.
+    /// probability of 90 %. NaN without a disparity; all NaN without confidences.
     pub uncertainty: *mut f32,
-    /// Bytes from a row to the next one.
+    /// Bytes from one row to the next.
     pub uncertainty_stride: isize,
-    /// How many pairs of a steadied rig support each disparity, 1 to 8; all 0 of any other match.
+    /// How many pairs of a steadied rig support each disparity, 1 to 8; all 0 for any other match.
     pub support: *mut u8,
-    /// Bytes from a row to the next one.
+    /// Bytes from one row to the next.
     pub support_stride: isize,
-    /// Which disparities and error bars are written, the choice between accuracy and density: `PHASESTEREO_ALL`,
-    /// `PHASESTEREO_TRUSTED` or `PHASESTEREO_CHECKED`. The others are NaN; flags and confidences are those of all.
+    /// Which disparities and error bars are written, as a choice between accuracy and density:
+    /// `PHASESTEREO_ALL`, `PHASESTEREO_TRUSTED` or `PHASESTEREO_CHECKED`. The others are NaN; flags and
+    /// confidences are written for all.
     pub keep: u32,
 }
 
@@ -135,7 +137,7 @@ impl Image {
     ///
     /// # Safety
     ///
-    /// The image is what its fields say.
+    /// The fields of the image are true.
     pub unsafe fn copied(&self, argument: &'static str) -> Result<phasestereo::Image> {
         let refused = |got: String, accepts| Err(Error::value(argument, got, accepts));
         if self.data.is_null() {
@@ -150,7 +152,7 @@ impl Image {
         }
         check_stride((argument, "stride"), self.stride, self.row_bytes(), self.height as usize)?;
 
-        // SAFETY: as the caller promises, of this many bytes.
+        // SAFETY: as the caller promises, with this many bytes.
         let (image, opaque) = unsafe {
             match self.bits {
                 8 => self.read(|[value]: [u8; 1]| value)?,
@@ -196,11 +198,11 @@ impl Image {
         }
     }
 
-    /// Copies an image out, with channels and bits of this one, which has its size; NULL: it is not wanted.
+    /// Copies out an image of the same size as this one, with its channels and bits; NULL: not wanted.
     ///
     /// # Safety
     ///
-    /// There is a place for each row, this many bytes from one to the next.
+    /// There is space for each row, this many bytes from one to the next.
     pub unsafe fn write(&self, image: &phasestereo::Image, target: *mut c_void, stride: isize) {
         if target.is_null() {
             return;
@@ -214,11 +216,11 @@ impl Image {
         }
     }
 
-    /// As [`Self::write`], of one type.
+    /// [`Self::write`] for one type.
     ///
     /// # Safety
     ///
-    /// As of [`Self::write`].
+    /// As for [`Self::write`].
     unsafe fn write_pixels<T: Pixel>(&self, image: &phasestereo::Image, target: *mut c_void, stride: isize) {
         let (channels, taken) = self.layout();
         let (_, cols) = self.size();
@@ -238,7 +240,7 @@ impl Image {
     ///
     /// # Safety
     ///
-    /// The image is what its fields say, of channels of `N` bytes.
+    /// The fields of the image are true, with channels of `N` bytes.
     unsafe fn read<T: Pixel, const N: usize>(
         &self,
         value: impl Fn([u8; N]) -> T,
@@ -269,7 +271,7 @@ impl Image {
 }
 
 impl Map {
-    /// Refuses rows that would lie upon each other.
+    /// Refuses overlapping rows.
     pub fn check(&self, (rows, cols): (usize, usize)) -> Result<()> {
         for (is_wanted, name, stride, bytes) in [
             (!self.disparity.is_null(), "disparity_stride", self.disparity_stride, 4),
@@ -285,7 +287,7 @@ impl Map {
         Ok(())
     }
 
-    /// Which disparities are wanted.
+    /// Which disparities are requested.
     pub fn keep(&self) -> Result<Keep> {
         match self.keep {
             PHASESTEREO_ALL => Ok(Keep::All),
@@ -321,7 +323,7 @@ impl Map {
     }
 }
 
-/// Refuses a stride of rows of this many bytes that are nearer to each other, or reach further than memory.
+/// Refuses a stride for rows of this many bytes that makes them overlap, or reach beyond memory.
 pub fn check_stride(
     (argument, name): (&'static str, &str),
     stride: isize,
@@ -341,7 +343,7 @@ pub fn check_stride(
 ///
 /// # Safety
 ///
-/// There is a place for each row of the plane, this many bytes from one to the next; or the pointer is NULL.
+/// There is space for each row of the plane, this many bytes from one to the next; or the pointer is NULL.
 pub unsafe fn write<T>(plane: &Plane<T>, target: *mut T, stride: isize) {
     if target.is_null() {
         return;

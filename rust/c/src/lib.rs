@@ -1,8 +1,9 @@
-//! The C interface: `rust/c/phasestereo.h` is generated from this crate, and says what each function takes.
+//! The C interface: `rust/c/phasestereo.h` is generated from this crate, and documents the arguments of each
+//! function.
 //!
-//! Images are copied in and maps are copied out, so no call keeps a pointer of its caller's. No panic leaves a call:
-//! like every failure it becomes an error, whose message the calling thread can read. Structures begin with their size, so
-//! that a program need not be compiled anew for a library with more fields.
+//! Images are copied in and maps are copied out, so no call keeps a pointer of its caller. No panic leaves a
+//! call: like every failure it becomes an error, whose message the calling thread can read. Structures begin
+//! with their size, so a program works with a library that has more fields without recompiling.
 
 #![allow(unsafe_code, reason = "what C hands over are pointers, which only unsafe code can read")]
 
@@ -10,7 +11,7 @@ mod found;
 mod images;
 #[cfg(not(target_family = "wasm"))]
 mod prepare;
-// A page matches one pair, which the core rectifies by itself: without these it is a tenth smaller.
+// A page matches one pair, and the core rectifies it: without these modules it is a tenth smaller.
 #[cfg(not(target_family = "wasm"))]
 mod rectify;
 #[cfg(not(target_family = "wasm"))]
@@ -43,7 +44,7 @@ pub use self::register::{Camera, Depths, Registered};
 pub use self::rig::Rig;
 
 thread_local! {
-    /// The message of the last call on this thread that failed.
+    /// The message of the last failed call on this thread.
     static ERROR: RefCell<CString> = RefCell::default();
 }
 
@@ -51,68 +52,69 @@ thread_local! {
 #[derive(Debug)]
 pub struct Matcher {
     matcher: phasestereo::Matcher,
-    /// The process whose threads it has.
+    /// The process that owns its threads.
     process: u32,
 }
 
 /// The images of a pair.
 type Images = [phasestereo::Image; 2];
 
-/// This process; browsers have one.
+/// This process; a browser has only one.
 fn this_process() -> u32 {
     if cfg!(target_family = "wasm") { 0 } else { process::id() }
 }
 
-/// A setting by its name, both as text that ends with a zero. Names, meanings and ranges are those of the class `Settings`
-/// of the Python package; values are written as there, "none" and "true" or "false" in small letters, pairs as "0, 4095".
-/// It never gets another field, and so has no size.
+/// A setting by its name, both as text that ends with a zero. Names, meanings and ranges are those of the
+/// class `Settings` of the Python package; values are written in the same way, except for lowercase "none",
+/// "true" and "false", and pairs as "0, 4095". No field will ever be added, so it has no size.
 #[derive(Debug)]
 #[repr(C)]
 pub struct Setting {
-    /// Its name, as "median".
+    /// Its name, such as "median".
     pub name: *const c_char,
-    /// Its value, as "3".
+    /// Its value, such as "3".
     pub value: *const c_char,
 }
 
-/// How a call ended.
+/// The result of a call.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(C)]
 pub enum Status {
-    /// All is done.
+    /// Success.
     Ok = 0,
-    /// An argument is not acceptable: `phasestereo_error` names it, what it got and what it accepts.
+    /// An argument is invalid: `phasestereo_error` names it, its value and the accepted values.
     InvalidArgument = 1,
     /// The working memory could not be allocated.
     OutOfMemory = 2,
     /// The system refused to start the threads.
     Threads = 3,
-    /// A fault of the library, which should be reported.
+    /// A bug in the library, which should be reported.
     Internal = 4,
 }
 
-/// The version of the library, as "0.1.0".
+/// The version of the library, such as "0.1.0".
 #[unsafe(no_mangle)]
 pub extern "C" fn phasestereo_version() -> *const c_char {
     const VERSION: &str = concat!(env!("CARGO_PKG_VERSION"), "\0");
     VERSION.as_ptr().cast()
 }
 
-/// The message of the last call on this thread that failed; empty if none has. It is valid until the next call that
-/// fails.
+/// The message of the last failed call on this thread; empty if there was none. It is valid until the next
+/// call that fails.
 #[unsafe(no_mangle)]
 pub extern "C" fn phasestereo_error() -> *const c_char {
     ERROR.with_borrow(|message| message.as_ptr())
 }
 
-/// Makes a matcher with the settings of a preset, "robust", "fast" or "paper" (NULL: "robust"), but for those
-/// that are listed. One more is "vertical": "true" where the right camera is below the left one, "false"
-/// where it is beside it, "none" (the default) to match columns where a pair clearly shows the former.
-/// `threads` is 1 to 1024, or 0: all processors of the process. NULL if it fails: see `phasestereo_error`.
+/// Makes a matcher with the settings of a preset, "robust", "fast" or "paper" (NULL: "robust"), changed by
+/// the listed settings. One more setting is "vertical": "true" if the right camera is below the left one,
+/// "false" if it is beside it, "none" (the default) to match columns if a pair clearly shows the former.
+/// `threads` is 1 to 1024, or 0: all processors available to the process. NULL if it fails: see
+/// `phasestereo_error`.
 ///
 /// # Safety
 ///
-/// Texts end with a zero; `settings` are `count` of them, or NULL where `count` is 0.
+/// Texts end with a zero; `settings` points to `count` of them, or is NULL if `count` is 0.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn phasestereo_new(
     preset: *const c_char,
@@ -145,12 +147,12 @@ pub unsafe extern "C" fn phasestereo_new(
     made.map_or(ptr::null_mut(), |matcher| Box::into_raw(Box::new(matcher)))
 }
 
-/// Frees a matcher with its threads and its memory. NULL is ignored, and so is a matcher that was made before a fork, whose
-/// threads are the other process's.
+/// Frees a matcher with its threads and its memory. NULL is ignored, and so is a matcher made before a fork,
+/// whose threads belong to the other process.
 ///
 /// # Safety
 ///
-/// The matcher is one of `phasestereo_new`, no call is using it, and none will.
+/// The matcher comes from `phasestereo_new`, no call is using it, and none will.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn phasestereo_free(matcher: *mut Matcher) {
     if !matcher.is_null() {
@@ -168,24 +170,24 @@ pub unsafe extern "C" fn phasestereo_free(matcher: *mut Matcher) {
     }
 }
 
-/// The number of threads of a matcher; 0 of NULL.
+/// The number of threads of a matcher; 0 for NULL.
 ///
 /// # Safety
 ///
-/// The matcher is one of `phasestereo_new`, or NULL.
+/// The matcher comes from `phasestereo_new`, or is NULL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn phasestereo_threads(matcher: *const Matcher) -> u32 {
     // SAFETY: as the caller promises.
     unsafe { matcher.as_ref() }.map_or(0, |handle| handle.matcher.threads() as u32)
 }
 
-/// The most bytes of working memory that the match of images takes, whose pixels, all channels together, take
-/// `pixel_bytes` each; 0 if an argument is not acceptable. Images and maps of the caller are not included, nor the
-/// codes of the right image that are kept for each kind of blur that is compensated for.
+/// The most bytes of working memory for a match of images where each pixel, all channels together, takes
+/// `pixel_bytes`; 0 if an argument is invalid. The caller's images and maps are not included, nor the codes
+/// of the right image that are kept for each kind of compensated blur.
 ///
 /// # Safety
 ///
-/// The matcher is one of `phasestereo_new`.
+/// The matcher comes from `phasestereo_new`.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn phasestereo_memory(
     matcher: *const Matcher,
@@ -204,15 +206,15 @@ pub unsafe extern "C" fn phasestereo_memory(
     bytes.unwrap_or(0)
 }
 
-/// Matches a rectified pair; a right image of another size or number of bits is brought to those of the left one. The
-/// disparities [`min_disparity`, `min_disparity` + `num_disparities`) are searched, `num_disparities` from 1 to the width; with 0 the range is estimated, and
-/// `min_disparity` is 0. Left pixel (x, y) corresponds to right pixel (x - d, y). What was estimated from the pair is written
-/// to `found`, unless that is NULL; `phasestereo_get_finding` says what it means. If the call fails, nothing is written.
+/// Matches a rectified pair; a right image of another size or number of bits is converted to those of the
+/// left one. The disparities [`min_disparity`, `min_disparity` + `num_disparities`) are searched, with
+/// `num_disparities` from 1 to the width; with 0 the range is estimated, and `min_disparity` must be 0. Left
+/// pixel (x, y) corresponds to right pixel (x - d, y). The estimates from the pair are written to `found`,
+/// unless that is NULL; `phasestereo_get_finding` explains them. If the call fails, nothing is written.
 ///
 /// # Safety
 ///
-/// Pointers are to what their types say; the planes of `map` have rows of as many values as the left image has columns, and
-/// as many rows.
+/// Pointers are valid for their types; the planes of `map` have the rows and columns of the left image.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn phasestereo_match(
     matcher: *const Matcher,
@@ -232,14 +234,14 @@ pub unsafe extern "C" fn phasestereo_match(
     })
 }
 
-/// Matches the same pair from the right image: right pixel (x, y) corresponds to left pixel (x + d, y), with disparities of
-/// the same range. It is the map of the exchanged, mirrored pair, mirrored back; what is written to `found` is of that pair, and
-/// it takes as long as another match. The planes of `map` have the size of the right image.
+/// Matches the same pair from the right image: right pixel (x, y) corresponds to left pixel (x + d, y), with
+/// disparities of the same range. It is the map of the exchanged, mirrored pair, mirrored back; `found`
+/// describes that pair, and it takes as long as another match. The planes of `map` have the size of the right
+/// image.
 ///
 /// # Safety
 ///
-/// Pointers are to what their types say; the planes of `map` have rows of as many values as the right image has columns, and
-/// as many rows.
+/// Pointers are valid for their types; the planes of `map` have the rows and columns of the right image.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn phasestereo_match_right(
     matcher: *const Matcher,
@@ -259,13 +261,14 @@ pub unsafe extern "C" fn phasestereo_match_right(
     })
 }
 
-/// Diagnoses a pair: estimates what a match with these settings would estimate (the disparities, if they are not given,
-/// how rows correspond, blur, noise), and matches a copy of at most 0.4 megapixels. If that match fails, the first finding
-/// warns of it. The arguments are those of `phasestereo_match`.
+/// Diagnoses a pair: estimates everything that a match with these settings would estimate (the disparities,
+/// if they are not given, the correspondence of rows, blur, noise), and matches a copy of at most 0.4
+/// megapixels. If that match fails, the first finding is a warning about it. The arguments are those of
+/// `phasestereo_match`.
 ///
 /// # Safety
 ///
-/// Pointers are to what their types say.
+/// Pointers are valid for their types.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn phasestereo_check(
     matcher: *const Matcher,
@@ -293,11 +296,11 @@ pub unsafe extern "C" fn phasestereo_check(
     })
 }
 
-/// Matches a pair in some way, and writes what comes of it; the map is of the image with the number before it.
+/// Matches a pair with `by`, and writes the results; the map is that of the left (0) or the right image (1).
 ///
 /// # Safety
 ///
-/// As of [`phasestereo_match`].
+/// As for [`phasestereo_match`].
 unsafe fn matched(
     matcher: *const Matcher,
     images: [*const Image; 2],
@@ -327,7 +330,7 @@ unsafe fn matched(
     Ok(())
 }
 
-/// Whether the right camera is below the left one, if that is given.
+/// Whether the right camera is below the left one, if given.
 fn read_vertical(value: &str) -> Result<Option<bool>> {
     match value {
         "true" => Ok(Some(true)),
@@ -337,7 +340,7 @@ fn read_vertical(value: &str) -> Result<Option<bool>> {
     }
 }
 
-/// The disparities if they are given.
+/// The disparities, if given.
 fn read_disparities(min_disparity: i32, num_disparities: i32) -> Result<Option<Range<i64>>> {
     if num_disparities != 0 {
         let (min, count) = (i64::from(min_disparity), i64::from(num_disparities));
@@ -352,11 +355,11 @@ fn read_disparities(min_disparity: i32, num_disparities: i32) -> Result<Option<R
     Ok(None)
 }
 
-/// Both images, and what was said of them.
+/// Both images, and their descriptions.
 ///
 /// # Safety
 ///
-/// The images are what their fields say, or NULL.
+/// The fields of the images are true, or the pointers are NULL.
 unsafe fn read_images([left, right]: [*const Image; 2]) -> Result<(Images, [Image; 2])> {
     // SAFETY: as the caller promises.
     let given = unsafe { [sized::read(left, "left")?, sized::read(right, "right")?] };
@@ -364,7 +367,7 @@ unsafe fn read_images([left, right]: [*const Image; 2]) -> Result<(Images, [Imag
     Ok((unsafe { [given[0].copied("left")?, given[1].copied("right")?] }, given))
 }
 
-/// The matcher of a caller; one that was made before a fork, which would wait for threads for ever, is refused.
+/// The matcher of a caller; one made before a fork is refused, since it would wait for its threads forever.
 ///
 /// # Safety
 ///
@@ -389,7 +392,7 @@ unsafe fn reference<'a, T>(pointer: *const T, argument: &'static str) -> Result<
     unsafe { pointer.as_ref() }.ok_or_else(|| Error::value(argument, "NULL", "a pointer"))
 }
 
-/// A list of `count` settings; without any, the pointer is not read.
+/// A list of `count` settings; if `count` is 0, the pointer is not read.
 ///
 /// # Safety
 ///
@@ -423,22 +426,22 @@ unsafe fn text<'a>(pointer: *const c_char, argument: &'static str) -> Result<Opt
     text.to_str().map(Some).map_err(refused)
 }
 
-/// The place for estimates, with its size; `None` for NULL.
+/// The caller's memory for estimates, with its size; `None` for NULL.
 ///
 /// # Safety
 ///
-/// The pointer is to as many bytes as its first field says, or NULL.
+/// The pointer is to at least the number of bytes in its first field, or NULL.
 unsafe fn place(found: *mut Found) -> Result<Option<(*mut Found, usize)>> {
     // SAFETY: as the caller promises.
     let size = |found| unsafe { sized::size(found, "found") };
     if found.is_null() { Ok(None) } else { Ok(Some((found, size(found)?))) }
 }
 
-/// Writes the estimates, unless there is no place for them.
+/// Writes the estimates, unless there is no memory for them.
 ///
 /// # Safety
 ///
-/// As of [`place`].
+/// As for [`place`].
 unsafe fn write(place: Option<(*mut Found, usize)>, found: &Found) {
     if let Some((place, size)) = place {
         // SAFETY: as the caller promises.
@@ -450,7 +453,7 @@ fn status(work: impl FnOnce() -> Result<()>) -> Status {
     guarded(work).err().unwrap_or(Status::Ok)
 }
 
-/// Runs the work of a call; the message of a failure, also of a panic, is kept for `phasestereo_error`.
+/// Runs the work of a call; the message of a failure, including a panic, is kept for `phasestereo_error`.
 fn guarded<T>(work: impl FnOnce() -> Result<T>) -> std::result::Result<T, Status> {
     let (status, message) = match catch_unwind(AssertUnwindSafe(work)) {
         Ok(Ok(done)) => return Ok(done),

@@ -1,4 +1,4 @@
-//! Pairs that are prepared for other matchers, and maps that come back, as C holds them.
+//! Pairs prepared for other matchers, and the conversion of their maps, for C.
 
 use std::ffi::{CString, c_char, c_void};
 use std::ptr;
@@ -10,21 +10,23 @@ use crate::images::{Image, PHASESTEREO_GRAY, PHASESTEREO_RGB, check_stride, writ
 use crate::sized;
 use crate::{Matcher, Status, guarded, ours, read_disparities, read_images, reference, status, told};
 
-/// A pair that any other matcher can use, and the way back of its maps. Any number of threads may use one at the same time.
+/// A pair that any other matcher can use, and the conversion of its maps back. Any number of threads may use
+/// one at the same time.
 #[derive(Debug)]
 pub struct Prepared {
     pair: PreparedPair,
     done: Vec<CString>,
 }
 
-/// Prepares a pair for any other matcher, by what a match finds out about it: images that are rectified, of rows that correspond,
-/// equally sharp and bright. `max_disparity` is the largest disparity that the other matcher can answer, pixels, to which images are
-/// cropped and reduced; 0: any number. All else is as of `phasestereo_match`. NULL if it fails: see `phasestereo_error`.
-/// `phasestereo_get_finding` says what was found.
+/// Prepares a pair for any other matcher, using the estimates of a match: the images are rectified, with
+/// corresponding rows, equally sharp and bright. `max_disparity` is the largest disparity that the other
+/// matcher can return, pixels; images are cropped and reduced to it; 0: any number. Everything else is as for
+/// `phasestereo_match`. NULL if it fails: see `phasestereo_error`. `phasestereo_get_finding` returns the
+/// findings.
 ///
 /// # Safety
 ///
-/// Pointers are to what their types say.
+/// Pointers are valid for their types.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn phasestereo_prepare(
     matcher: *const Matcher,
@@ -55,7 +57,7 @@ pub unsafe extern "C" fn phasestereo_prepare(
 ///
 /// # Safety
 ///
-/// The pair is one of `phasestereo_prepare`, no call is using it, and none will.
+/// The pair comes from `phasestereo_prepare`, no call is using it, and none will.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn phasestereo_prepared_free(prepared: *mut Prepared) {
     if !prepared.is_null() {
@@ -64,12 +66,12 @@ pub unsafe extern "C" fn phasestereo_prepared_free(prepared: *mut Prepared) {
     }
 }
 
-/// Writes where the prepared left image (`side` 0) or right one (1) is, gray or RGB, without a mask. Its pixels belong to the
-/// pair: they are there until it is freed.
+/// Describes the prepared left image (`side` 0) or right one (1): gray or RGB, without a mask. Its pixels
+/// belong to the pair and are valid until it is freed.
 ///
 /// # Safety
 ///
-/// The pair is one of `phasestereo_prepare`, and `image` a place for an image, whose size is set.
+/// The pair comes from `phasestereo_prepare`, and `image` points to memory for an image, with its size set.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn phasestereo_prepared_image(
     prepared: *const Prepared,
@@ -90,22 +92,23 @@ pub unsafe extern "C" fn phasestereo_prepared_image(
     })
 }
 
-/// The number of disparities of a prepared pair, from 0 on; 0 of NULL.
+/// The number of disparities of a prepared pair, starting at 0; 0 for NULL.
 ///
 /// # Safety
 ///
-/// The pair is one of `phasestereo_prepare`, or NULL.
+/// The pair comes from `phasestereo_prepare`, or is NULL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn phasestereo_prepared_disparities(prepared: *const Prepared) -> u32 {
     // SAFETY: as the caller promises.
     unsafe { prepared.as_ref() }.map_or(0, |prepared| prepared.pair.num_disparities as u32)
 }
 
-/// What was done to a pair, one sentence after another; NULL beyond the last one. The text belongs to the pair.
+/// The changes made to a pair, one sentence after another; NULL beyond the last one. The text belongs to the
+/// pair.
 ///
 /// # Safety
 ///
-/// The pair is one of `phasestereo_prepare`, or NULL.
+/// The pair comes from `phasestereo_prepare`, or is NULL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn phasestereo_prepared_done(prepared: *const Prepared, index: u32) -> *const c_char {
     // SAFETY: as the caller promises.
@@ -113,14 +116,14 @@ pub unsafe extern "C" fn phasestereo_prepared_done(prepared: *const Prepared, in
     done.map_or(ptr::null(), |text| text.as_ptr())
 }
 
-/// Writes a disparity map of a prepared pair as one of the left image as it came, in pixels: of `map`, what is not finite is
-/// missing, and where it is not of the size of the prepared images, its disparities are in pixels of its own. NaN where there is
-/// none. If the call fails, nothing is written.
+/// Converts a disparity map of a prepared pair to the original left image, in pixels. Non-finite values of
+/// `map` are missing; if it has another size than the prepared images, its disparities are in its own pixels.
+/// Missing results are NaN. If the call fails, nothing is written.
 ///
 /// # Safety
 ///
-/// The pair is one of `phasestereo_prepare`; `map` has `height` rows of `width` values, `map_stride` bytes from one to the next;
-/// `disparity` has rows of as many values as the left image has columns, and as many rows.
+/// The pair comes from `phasestereo_prepare`; `map` has `height` rows of `width` values, `map_stride` bytes
+/// from one to the next; `disparity` has the rows and columns of the left image.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn phasestereo_restore(
     prepared: *const Prepared,
@@ -152,7 +155,7 @@ pub unsafe extern "C" fn phasestereo_restore(
     })
 }
 
-/// An image in memory that is not C's; `None`: its pixels are of another type.
+/// A C image in memory that C does not own; `None`: its pixels have another type.
 fn view_of<T: Pixel>(image: &phasestereo::Image) -> Option<Image> {
     let pixels = image.pixels::<T>()?;
     let valid = image.valid();
@@ -180,7 +183,7 @@ pub unsafe fn copied(map: *const f32, stride: isize, (rows, cols): (usize, usize
     let mut values = zeroed(rows.saturating_mul(cols))?;
     for (y, row) in values.chunks_exact_mut(cols).enumerate() {
         let start = map.cast::<u8>().wrapping_offset(y as isize * stride);
-        // SAFETY: as the caller promises, of this many bytes.
+        // SAFETY: as the caller promises, with this many bytes.
         let bytes = unsafe { std::slice::from_raw_parts(start, 4 * cols) };
         for (value, bytes) in row.iter_mut().zip(bytes.as_chunks().0) {
             *value = f32::from_ne_bytes(*bytes);

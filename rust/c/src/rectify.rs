@@ -1,4 +1,4 @@
-//! Calibrations as C structures, and images that are rectified by them.
+//! Calibrations as C structures, and rectification of images with them.
 
 use std::ffi::c_void;
 
@@ -8,45 +8,47 @@ use crate::images::{Image, check_stride, write};
 use crate::sized::{self, Growing};
 use crate::{Matcher, Status, ours, read_images, reference, status, told};
 
-/// Images are read between the four pixels around a place, with 0 beyond the image: as OpenCV's `remap` does by default.
+/// Images are interpolated between the four pixels around a place, with 0 beyond the image, like OpenCV's
+/// `remap` by default.
 pub const PHASESTEREO_LINEAR: u32 = 0;
-/// Images are read between 8 x 8 pixels, which keeps them sharp.
+/// Images are interpolated from 8 x 8 pixels, which keeps them sharp.
 pub const PHASESTEREO_LANCZOS: u32 = 1;
 
-/// Two cameras and how their images are rectified; left and right, matrices row by row, as OpenCV has them.
+/// Two cameras and the rectification of their images; left and right, matrices row by row, as in OpenCV.
 #[derive(Debug, Clone, Copy)]
 #[repr(C)]
 pub struct Calibration {
     /// `sizeof(phasestereo_calibration)`.
     pub struct_size: usize,
-    /// K1 and K2: focal lengths and principal points, pixels, each of its own image as it comes.
+    /// K1 and K2: focal lengths and principal points, pixels, each for its own original image.
     pub camera: [[[f64; 3]; 3]; 2],
-    /// D1 and D2: k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4; 0 for those that a calibration does not have.
+    /// D1 and D2: k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4; 0 for those that a calibration does not
+    /// have.
     pub distortion: [[f64; 12]; 2],
     /// R1 and R2: from the raw camera to the rectified one.
     pub rotation: [[[f64; 3]; 3]; 2],
-    /// P1 and P2: of the rectified images, pixels; the last column of P2 is minus the distance of the cameras times the focal
-    /// length, 0 where it is not known.
+    /// P1 and P2: of the rectified images, pixels; the last column of P2 is minus the distance of the cameras
+    /// times the focal length, 0 if unknown.
     pub projection: [[[f64; 4]; 3]; 2],
 }
 
-/// The memory that rectified images are written to, left and right: both of as many rows and columns as the left one that was
-/// given, and each of the channels and bits of its own one. NULL: not wanted.
+/// The memory that rectified images are written to, left and right: both with the rows and columns of the
+/// given left one, and each with the channels and bits of its own input. NULL: not wanted.
 #[derive(Debug, Clone, Copy)]
 #[repr(C)]
 pub struct Rectified {
     /// `sizeof(phasestereo_rectified)`.
     pub struct_size: usize,
-    /// The images; a fourth channel is left as it is.
+    /// The images; a fourth channel is left unchanged.
     pub image: [*mut c_void; 2],
-    /// Bytes from a row to the next one, as of an image.
+    /// Bytes from one row to the next, as for an image.
     pub stride: [isize; 2],
-    /// One byte a pixel: 1 where it is valid, 0 where it lies outside the image that was given.
+    /// One byte per pixel: 1 where it is valid, 0 where it lies outside the given image.
     pub mask: [*mut u8; 2],
-    /// Bytes from a row to the next one.
+    /// Bytes from one row to the next.
     pub mask_stride: [isize; 2],
-    /// Written by the call: OpenCV's matrix Q, in the unit of the calibration's translation; NaN where the distance of the
-    /// cameras is not known.
+    /// Written by the call: OpenCV's matrix Q, in the unit of the calibration's translation; NaN if the
+    /// distance of the cameras is unknown.
     pub q: [[f64; 4]; 4],
 }
 
@@ -61,7 +63,7 @@ unsafe impl Growing for Rectified {
 }
 
 impl Calibration {
-    /// The calibration as the core has it.
+    /// The calibration in the form of the core.
     pub fn known(&self) -> phasestereo::Calibration {
         let Self { camera, distortion, rotation, projection, .. } = *self;
         phasestereo::Calibration { camera, distortion, rotation, projection }
@@ -74,7 +76,7 @@ impl Calibration {
 }
 
 impl Rectified {
-    /// Refuses rows that would lie upon each other.
+    /// Refuses overlapping rows.
     fn check(&self, given: &[Image; 2]) -> Result<()> {
         let (rows, cols) = given[0].size();
         for (side, image) in given.iter().enumerate() {
@@ -89,14 +91,15 @@ impl Rectified {
     }
 }
 
-/// Fills in `rotation` and `projection` of a calibration of which `camera` and `distortion` are given: those that OpenCV's
-/// `stereoRectify` finds with `CALIB_ZERO_DISPARITY` and `alpha` -1. `rotation`, 9 numbers row by row, and `translation`, 3 of
-/// any unit, lead from the left camera to the right one: `X_right = R X_left + T`. The cameras are side by side. Rectified images
-/// have the size of the left ones, `width` and `height`; right ones may come in another size.
+/// Fills in `rotation` and `projection` of a calibration with given `camera` and `distortion`, as OpenCV's
+/// `stereoRectify` does with `CALIB_ZERO_DISPARITY` and `alpha` -1. `rotation`, 9 numbers row by row, and
+/// `translation`, 3 of any unit, map the left camera's points to the right one: `X_right = R X_left + T`. The
+/// cameras are side by side. Rectified images have the size of the left ones, `width` and `height`; right
+/// ones may have another size.
 ///
 /// # Safety
 ///
-/// Pointers are to what their types say, `rotation` to 9 numbers and `translation` to 3.
+/// Pointers are valid for their types, `rotation` for 9 numbers and `translation` for 3.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn phasestereo_stereo_rectify(
     calibration: *mut Calibration,
@@ -128,12 +131,12 @@ pub unsafe extern "C" fn phasestereo_stereo_rectify(
     })
 }
 
-/// Fills in all of a calibration by what two raw images show alone; it holds for all images of these cameras. The
-/// distance of the cameras is not known by that. `phasestereo_get_finding` says what was found.
+/// Fills in a whole calibration from two raw images alone; it holds for all images of these cameras. The
+/// distance of the cameras remains unknown. `phasestereo_get_finding` returns the findings.
 ///
 /// # Safety
 ///
-/// Pointers are to what their types say.
+/// Pointers are valid for their types.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn phasestereo_estimate_calibration(
     matcher: *const Matcher,
@@ -156,14 +159,13 @@ pub unsafe extern "C" fn phasestereo_estimate_calibration(
     })
 }
 
-/// Rectifies two raw images, so that what both show lies on the same row; a right image of another size is brought to that of
-/// the left one. `interpolation` is `PHASESTEREO_LINEAR` or `PHASESTEREO_LANCZOS`. What is written to may be given as the images to
-/// match, with the masks. If the call fails, nothing is written.
+/// Rectifies two raw images, so that points that both show lie on the same row; a right image of another size
+/// is scaled to that of the left one. `interpolation` is `PHASESTEREO_LINEAR` or `PHASESTEREO_LANCZOS`. The
+/// outputs may be passed as the images to match, with their masks. If the call fails, nothing is written.
 ///
 /// # Safety
 ///
-/// Pointers are to what their types say; the planes of `rectified` have rows of as many pixels as the left image has columns,
-/// and as many rows.
+/// Pointers are valid for their types; the planes of `rectified` have the rows and columns of the left image.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn phasestereo_rectify(
     matcher: *const Matcher,

@@ -1,4 +1,4 @@
-//! Depths in the frame of a third camera, as of a color camera beside the pair.
+//! Depths in the frame of a third camera, such as a color camera beside the pair.
 
 use phasestereo::{Error, LeftCamera, Lens, Plane, Result, ThirdCamera};
 
@@ -8,7 +8,7 @@ use crate::rectify::Calibration;
 use crate::sized::{self, Growing};
 use crate::{Matcher, Status, ours, status};
 
-/// A camera beside a rectified pair, and where it is; matrices row by row.
+/// A camera beside a rectified pair, and its pose; matrices row by row.
 #[derive(Debug, Clone, Copy)]
 #[repr(C)]
 pub struct Camera {
@@ -16,9 +16,10 @@ pub struct Camera {
     pub struct_size: usize,
     /// Focal lengths and principal point, pixels.
     pub matrix: [[f64; 3]; 3],
-    /// As `cv::projectPoints` takes it: k1, k2, p1, p2, k3 to k6, s1 to s4, tau x, tau y; 0 for those that a calibration does not have.
+    /// In the form of `cv::projectPoints`: k1, k2, p1, p2, k3 to k6, s1 to s4, tau x, tau y; 0 for those that
+    /// a calibration does not have.
     pub distortion: [f64; 14],
-    /// `rotation X + translation` leads from the rectified left camera to this one.
+    /// `rotation X + translation` maps the rectified left camera's points to this one.
     pub rotation: [[f64; 3]; 3],
     /// In the unit of depths.
     pub translation: [f64; 3],
@@ -30,7 +31,8 @@ pub struct Camera {
     pub fisheye: u32,
 }
 
-/// Maps of the rectified left camera, each of `height` rows of `width` values. All but the depths may be NULL.
+/// Maps of the rectified left camera, each with `height` rows of `width` values. All except the depths may be
+/// NULL.
 #[derive(Debug, Clone, Copy)]
 #[repr(C)]
 pub struct Depths {
@@ -40,10 +42,11 @@ pub struct Depths {
     pub width: u32,
     /// Rows.
     pub height: u32,
-    /// Depths, in the unit of the distance of the cameras: the focal length times that distance, divided by the disparity plus
-    /// the difference of the principal points, right - left. What is not finite is missing.
+    /// Depths, in the unit of the distance of the cameras: the focal length times that distance, divided by
+    /// the disparity plus the difference of the principal points, right - left. Non-finite values are
+    /// missing.
     pub depth: *const f32,
-    /// Bytes from a row to the next one, of all of them.
+    /// Bytes from one row to the next, for all of them.
     pub stride: isize,
     /// Depths at the near end of the error bars.
     pub near: *const f32,
@@ -61,7 +64,7 @@ pub struct Registered {
     pub struct_size: usize,
     /// Depths along the axis of the third camera; NaN where it sees none.
     pub depth: *mut f32,
-    /// Bytes from a row to the next one, of this and the three after it.
+    /// Bytes from one row to the next, for this and the three after it.
     pub stride: isize,
     /// The near end of the error bars.
     pub near: *mut f32,
@@ -71,13 +74,13 @@ pub struct Registered {
     pub confidence: *mut f32,
     /// The pixel of the left image, as an index into a map without gaps between its rows; -1 without a depth.
     pub source: *mut i64,
-    /// Bytes from a row to the next one.
+    /// Bytes from one row to the next.
     pub source_stride: isize,
     /// 1 where the left camera sees something whose depth is missing.
     pub holes: *mut u8,
     /// 1 where something hides the scene from the left camera.
     pub occluded: *mut u8,
-    /// Bytes from a row to the next one, of the last two.
+    /// Bytes from one row to the next, for the last two.
     pub flags_stride: isize,
 }
 
@@ -140,7 +143,7 @@ impl Depths {
 }
 
 impl Registered {
-    /// Refuses rows that would lie upon each other.
+    /// Refuses overlapping rows.
     fn check(&self, camera: &Camera) -> Result<()> {
         let (cols, rows) = (u64::from(camera.width), camera.height as usize);
         let numbers = [self.depth, self.near, self.far, self.confidence];
@@ -158,13 +161,14 @@ impl Registered {
     }
 }
 
-/// Writes depths of the rectified left camera, their error bars and confidences as a third camera sees them, of several the
-/// nearest. `calibration` is that of the rectified pair, whose `projection` is read; P2 has the distance of the cameras. Error
-/// bars and confidences that are not given are NaN. If the call fails, nothing is written.
+/// Writes depths of the rectified left camera, their error bars and confidences as seen by a third camera,
+/// taking the nearest of several. `calibration` is that of the rectified pair; only its `projection` is read,
+/// with the distance of the cameras in P2. Error bars and confidences that are not given are NaN. If the call
+/// fails, nothing is written.
 ///
 /// # Safety
 ///
-/// Pointers are to what their types say, maps to this many rows and columns.
+/// Pointers are valid for their types, maps for this many rows and columns.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn phasestereo_register(
     matcher: *const Matcher,
@@ -228,7 +232,7 @@ pub unsafe extern "C" fn phasestereo_register(
     })
 }
 
-/// The rectified left camera of a calibration that knows the distance of the cameras.
+/// The rectified left camera of a calibration that contains the distance of the cameras.
 fn left_camera(rig: &phasestereo::Calibration) -> Result<LeftCamera> {
     let [[[fx, _, cx, _], [_, fy, cy, _], _], [[focal, _, _, shift], ..]] = rig.projection;
     let baseline = 0.0 - shift / focal;

@@ -1,4 +1,4 @@
-//! Two cameras that take one pair after another, as C holds them.
+//! Two cameras that take one pair after another, for C.
 
 use std::ffi::c_char;
 use std::ptr;
@@ -10,14 +10,16 @@ use crate::found::Found;
 use crate::images::{Image, Map};
 use crate::{Matcher, Status, guarded, matched, reference, status, text};
 
-/// What two cameras are, learned from pair to pair, and the temporal filter of their video. Pairs are matched one after another: of
-/// two calls at the same time one is refused. It has no threads, and survives a fork.
+/// Facts about two cameras, learned from pair to pair, and the temporal filter of their video. Pairs are
+/// matched one after another: of two simultaneous calls, one is refused. It has no threads, and survives a
+/// fork.
 #[derive(Debug)]
 pub struct Rig(Mutex<phasestereo::Rig>);
 
-/// Makes a rig that has seen nothing, or knows what a `text` says that `phasestereo_rig_text` wrote (NULL: nothing). With `steadied`
-/// 1 disparities of its pairs are filtered over time where neither image changes; 0: they are not. Blur is estimated anew after
-/// `reestimate` pairs at the latest, 0: 30; with 1 every pair is matched by itself. NULL if it fails.
+/// Makes a new rig, or restores one from a `text` that `phasestereo_rig_text` wrote (NULL: new). With
+/// `steadied` 1, disparities of its pairs are filtered over time where neither image changes; with 0, they
+/// are not. Blur is estimated again after at most `reestimate` pairs, 0: 30; with 1 every pair is matched by
+/// itself. NULL if it fails.
 ///
 /// # Safety
 ///
@@ -46,7 +48,7 @@ pub unsafe extern "C" fn phasestereo_rig_new(
 ///
 /// # Safety
 ///
-/// The rig is one of `phasestereo_rig_new`, no call is using it, and none will.
+/// The rig comes from `phasestereo_rig_new`, no call is using it, and none will.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn phasestereo_rig_free(rig: *mut Rig) {
     if !rig.is_null() {
@@ -55,12 +57,12 @@ pub unsafe extern "C" fn phasestereo_rig_free(rig: *mut Rig) {
     }
 }
 
-/// Matches the next pair of a rig, which learns from it; all else is as of `phasestereo_match`. A call that fails teaches it
-/// nothing. The matcher may be another one for each pair.
+/// Matches the next pair of a rig, which learns from it; everything else is as for `phasestereo_match`. It
+/// learns nothing from a call that fails. The matcher may differ from pair to pair.
 ///
 /// # Safety
 ///
-/// As of `phasestereo_match`; the rig is one of `phasestereo_rig_new`.
+/// As for `phasestereo_match`; the rig comes from `phasestereo_rig_new`.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn phasestereo_rig_match(
     rig: *mut Rig,
@@ -85,11 +87,11 @@ pub unsafe extern "C" fn phasestereo_rig_match(
     })
 }
 
-/// Forgets all pairs of a rig, and what a text said of it: it is as a new one.
+/// Forgets all pairs of a rig, and the facts from a text: it is like a new one.
 ///
 /// # Safety
 ///
-/// The rig is one of `phasestereo_rig_new`.
+/// The rig comes from `phasestereo_rig_new`.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn phasestereo_rig_reset(rig: *mut Rig) -> Status {
     status(|| {
@@ -99,13 +101,13 @@ pub unsafe extern "C" fn phasestereo_rig_reset(rig: *mut Rig) -> Status {
     })
 }
 
-/// Writes what is known of the cameras as text that ends with a zero, if it fits into `room` bytes, and returns its size in bytes;
-/// 0 if it fails. `text` may be NULL where `room` is 0. `phasestereo_rig_new` and Python's `Rig.load` read it; the temporal filter is
-/// left out.
+/// Writes the known facts about the cameras as text that ends with a zero, if it fits into `room` bytes, and
+/// returns its size in bytes; 0 if it fails. `text` may be NULL if `room` is 0. `phasestereo_rig_new` and
+/// Python's `Rig.load` read it; the temporal filter is left out.
 ///
 /// # Safety
 ///
-/// The rig is one of `phasestereo_rig_new`, and `text` a place for `room` bytes.
+/// The rig comes from `phasestereo_rig_new`, and `text` points to `room` bytes.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn phasestereo_rig_text(rig: *const Rig, text: *mut c_char, room: usize) -> usize {
     let written = guarded(|| {
@@ -147,7 +149,7 @@ mod tests {
 
     #[test]
     fn of_two_calls_at_the_same_time_one_is_refused() {
-        // SAFETY: the rig is one of the first call, and freed by the last one.
+        // SAFETY: the rig comes from the first call, and the last one frees it.
         unsafe {
             let rig = phasestereo_rig_new(ptr::null(), 1, 0);
             let other = held(rig).expect("nobody holds it");

@@ -1,30 +1,30 @@
-//! Structures that begin with their size, as the program was compiled with it: they can grow at their end.
+//! Structures that begin with their size when the program was compiled: they can grow at their end.
 //!
-//! Of a program's smaller structure as much is read or written as there is; what is missing is zero. Of a larger one, which
-//! is of a newer header, the rest is written as zeros, and has to be zero where it is read.
+//! If a program's structure is smaller, only its bytes are read or written, and missing ones are zero. If it
+//! is larger, from a newer header, the rest is written as zeros, and must be zero when read.
 
 use std::mem::MaybeUninit;
 
 use phasestereo::{Error, Result};
 
-/// The least and the most that a size can be: anything else is memory that was never written.
+/// The smallest and largest possible size: anything else is memory that was never written.
 const MOST: usize = 4096;
 
-/// A structure whose fields are never moved, and new ones are added at its end.
+/// A structure whose fields are never moved; new ones are added at its end.
 ///
 /// # Safety
 ///
 /// It is `repr(C)`, its first field is its size as a `usize`, and its bytes may be zeros.
 pub unsafe trait Growing: Copy {
-    /// Bytes up to the last field that each version has.
+    /// Bytes up to the last field that all versions have.
     const LEAST: usize;
 }
 
-/// The structure of a caller, as this version knows it.
+/// A caller's structure, as this version defines it.
 ///
 /// # Safety
 ///
-/// The pointer is to as many bytes as the first of its fields says, or NULL.
+/// The pointer is to at least the number of bytes in its first field, or NULL.
 pub unsafe fn read<T: Growing>(place: *const T, argument: &'static str) -> Result<T> {
     // SAFETY: as the caller promises.
     let size = unsafe { size(place, argument)? };
@@ -44,11 +44,11 @@ pub unsafe fn read<T: Growing>(place: *const T, argument: &'static str) -> Resul
     Ok(known)
 }
 
-/// Writes to a structure of a caller what it has room for; its size stays.
+/// Writes the part of a structure that fits the caller's; its size stays.
 ///
 /// # Safety
 ///
-/// As of [`read`]; the size is what [`size`] has returned, and the pointer is not NULL.
+/// As for [`read`]; the size comes from [`size`], and the pointer is not NULL.
 pub unsafe fn write<T: Growing>(place: *mut T, size: usize, value: &T) {
     let (place, value) = (place.cast::<u8>(), std::ptr::from_ref(value).cast::<u8>());
     let (start, end) = (size_of::<usize>(), size.min(size_of::<T>()));

@@ -1,4 +1,4 @@
-//! Findings as C reads them, one at a time.
+//! Findings for C, one at a time.
 
 use std::cell::RefCell;
 use std::ffi::{CString, c_char};
@@ -12,21 +12,21 @@ use crate::sized::{self, Growing};
 pub const PHASESTEREO_OK: u32 = 0;
 /// Worth knowing.
 pub const PHASESTEREO_NOTE: u32 = 1;
-/// To be fixed; of a match: it is unreliable as a whole.
+/// To be fixed; for a match: it is unreliable as a whole.
 pub const PHASESTEREO_WARNING: u32 = 2;
 
 thread_local! {
-    /// What the last match, check or estimate of this thread has found.
+    /// The findings of the last match, check or estimate on this thread.
     static FINDINGS: RefCell<Vec<Kept>> = RefCell::default();
 }
 
-/// One thing that there is to say about a pair or its match. Texts end with a zero.
+/// One statement about a pair or its match. Texts end with a zero.
 #[derive(Debug, Clone, Copy)]
 #[repr(C)]
 pub struct Finding {
     /// `sizeof(phasestereo_finding)`, to be set before the call.
     pub struct_size: usize,
-    /// What it is about, as "range"; the names are those of the Python package.
+    /// Its topic, such as "range"; the names are those of the Python package.
     pub topic: *const c_char,
     /// Plain words, with numbers.
     pub sentence: *const c_char,
@@ -59,18 +59,18 @@ impl From<phasestereo::Finding> for Kept {
     }
 }
 
-/// Keeps what a call has found for its thread.
+/// Keeps the findings of a call for its thread.
 pub fn keep(findings: Vec<phasestereo::Finding>) {
     FINDINGS.set(findings.into_iter().map(Kept::from).collect());
 }
 
-/// Writes a finding of the last match, check or estimate of this thread that succeeded, and returns 1; 0 if it has fewer,
-/// or `finding` is not acceptable. Those of a match are what is worth knowing, the worst first; those of a check all that was
-/// looked at, in a fixed order. Texts are valid until the next such call of this thread.
+/// Writes a finding of the last successful match, check or estimate on this thread, and returns 1; 0 if there
+/// are fewer, or `finding` is invalid. A match has noteworthy findings, the worst first; a check has one for
+/// everything examined, in a fixed order. Texts are valid until the next such call on this thread.
 ///
 /// # Safety
 ///
-/// The pointer is to a place for a finding.
+/// The pointer is to memory for a finding.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn phasestereo_get_finding(index: u32, finding: *mut Finding) -> u32 {
     // SAFETY: as the caller promises.
@@ -102,7 +102,7 @@ mod tests {
 
         let struct_size = size_of::<Finding>();
         let mut read = Finding { struct_size, topic: ptr::null(), sentence: ptr::null(), severity: 9 };
-        // SAFETY: the pointer is to a place for a finding, or NULL, which is refused.
+        // SAFETY: the pointer is to memory for a finding, or NULL, which is refused.
         unsafe {
             assert_eq!(phasestereo_get_finding(2, &raw mut read), 0);
             assert_eq!(phasestereo_get_finding(0, ptr::null_mut()), 0);

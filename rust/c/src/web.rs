@@ -1,4 +1,5 @@
-//! What only a page's script needs: memory to write images into and to read maps from, and searches on its GPU.
+//! Functions only for a page's script: memory to write images into and to read maps from, and searches on its
+//! GPU.
 
 use std::alloc::{Layout, alloc, dealloc};
 use std::ops::Range;
@@ -13,15 +14,15 @@ use phasestereo_match::optimization::tasks::{self, Limits, Task};
 
 use crate::Matcher;
 
-/// Suffices for numbers of any type.
+/// Sufficient for numbers of any type.
 const ALIGNMENT: usize = 16;
-/// Bytes of the longest reason of a failure.
+/// Most bytes of the reason for a failure.
 const REASON: usize = 1000;
 
 #[link(wasm_import_module = "page")]
 unsafe extern "C" {
-    /// Runs a task on the page's GPU while WebAssembly waits. Returns 0, or the bytes of the reason why it could
-    /// not. The plan is JSON; places are pairs of a start and a number of bytes:
+    /// Runs a task on the page's GPU while WebAssembly waits. Returns 0, or the length in bytes of the reason
+    /// for a failure. The plan is JSON; places are pairs of a start and a number of bytes:
     ///
     /// - `words`: those of the candidates of a pixel, for which kernels are compiled
     /// - `source`: the place of their text in WGSL
@@ -36,7 +37,7 @@ fn layout(bytes: usize) -> Option<Layout> {
     Layout::from_size_align(bytes.max(1), ALIGNMENT).ok()
 }
 
-/// Allocates uninitialized bytes; NULL where there is not enough memory.
+/// Allocates uninitialized bytes; NULL if there is not enough memory.
 #[unsafe(no_mangle)]
 pub extern "C" fn phasestereo_allocate(bytes: usize) -> *mut u8 {
     // SAFETY: the layout is not empty.
@@ -47,7 +48,7 @@ pub extern "C" fn phasestereo_allocate(bytes: usize) -> *mut u8 {
 ///
 /// # Safety
 ///
-/// They are those of [`phasestereo_allocate`], which was called with the same number.
+/// They come from [`phasestereo_allocate`], called with the same number.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn phasestereo_release(start: *mut u8, bytes: usize) {
     if let Some(layout) = layout(bytes).filter(|_| !start.is_null()) {
@@ -56,12 +57,12 @@ pub unsafe extern "C" fn phasestereo_release(start: *mut u8, bytes: usize) {
     }
 }
 
-/// Has a matcher search on the page's GPU, whose workgroups have this many threads and whose buffers this many
-/// bytes; numbers of JavaScript. Returns the matcher, whose old pointer is no longer valid.
+/// Lets a matcher search on the page's GPU, whose workgroups have this many threads and whose buffers this
+/// many bytes (JavaScript numbers). Returns the matcher; its old pointer is no longer valid.
 ///
 /// # Safety
 ///
-/// The matcher is one of `phasestereo_new`.
+/// The matcher comes from `phasestereo_new`.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn phasestereo_with_gpu(
     matcher: *mut Matcher,
@@ -84,7 +85,7 @@ struct PageGpu {
 }
 
 impl PageGpu {
-    /// What it finds for a task; `None`: it failed.
+    /// The result of a task; `None`: it failed.
     fn run(&self, task: &Task) -> Option<Vec<u32>> {
         let source = kernels::constants(task.words()) + SHADER;
         let mut found = vec![0_u32; task.found_words()];
@@ -104,7 +105,7 @@ impl PageGpu {
             [reason.as_mut_ptr().expose_provenance(), REASON],
         );
 
-        // SAFETY: the script writes to the two places alone, which nothing refers to meanwhile.
+        // SAFETY: the script writes only to the two places, which nothing else refers to meanwhile.
         let length = unsafe { phasestereo_search(plan.as_ptr(), plan.len()) };
         if length == 0 {
             return Some(found);

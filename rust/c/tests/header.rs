@@ -1,4 +1,4 @@
-//! The header of the C interface is what cbindgen generates from the code.
+//! The header of the C interface is the one that cbindgen generates from the code.
 
 use std::fs;
 use std::path::Path;
@@ -44,7 +44,7 @@ fn header() -> String {
         documentation_length: cbindgen::DocumentationLength::Full,
         export: ExportConfig {
             rename: names.map(renamed).into_iter().collect(),
-            // Of the module for browsers alone.
+            // From the module that only browsers use.
             exclude: ["allocate", "release", "search", "with_gpu"]
                 .map(|name| format!("phasestereo_{name}"))
                 .into(),
