@@ -1,10 +1,11 @@
-// Two cameras of this machine, as the browser gives them.
+// Two cameras of this machine, through the browser.
 
 import { pairOf } from "./photographs.js";
 
 const WISHED = { width: { ideal: 640 }, height: { ideal: 480 } };
 
-// Opens the first two: {frame, close}; `frame` waits for the next pair of images. Throws an Error that says what is wrong.
+// Opens the first two: {frame, close}; `frame` waits for the next pair of images. Throws an Error with the
+// reason for a failure.
 export async function openCameras() {
   const { mediaDevices } = navigator;
   if (!mediaDevices) throw new Error("cameras: this browser gives them to pages of https and of this machine alone");

@@ -1,6 +1,6 @@
-// What was matched, as files of the user's own.
+// The results of a match, as files for the user.
 
-// The points that are shown, in the left camera's coordinates, with the colors of the left image.
+// The visible points, in the left camera's coordinates, with the colors of the left image.
 function cloudFile() {
   const seen = pointsSeen();
   const chosen = Array.from(maps.disparity.keys()).filter((at) => seen[at] && isKept(at, element("keep").value));
@@ -15,7 +15,7 @@ function cloudFile() {
   return new Blob([head, bytes]);
 }
 
-// The disparities in pixels, infinite where there is none, the last row first, as PFM has them.
+// The disparities in pixels, infinite where missing, the last row first, as in PFM.
 function mapFile() {
   const { cols, rows } = page;
   const bytes = new DataView(new ArrayBuffer(4 * cols * rows));

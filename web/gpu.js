@@ -1,7 +1,7 @@
-// Searches on the browser's GPU what the core asks for. The core plans each task (rust/c/src/web.rs): the kernels, their
-// buffers and workgroups.
+// Runs the core's searches on the browser's GPU. The core plans each task (rust/c/src/web.rs): the kernels,
+// their buffers and workgroups.
 
-const PATIENCE = 60_000; // milliseconds that a task may take: a driver that hangs resets its device sooner
+const PATIENCE = 60_000; // milliseconds that a task may take: drivers reset a hanging device sooner
 const LIMITS = [
   "maxBufferSize", "maxStorageBufferBindingSize",
   "maxComputeInvocationsPerWorkgroup", "maxComputeWorkgroupSizeX", "maxComputeWorkgroupStorageSize",
@@ -11,8 +11,8 @@ const DEVICES = ["auto", "cpu", "gpu"];
 /**
  * Opens the GPU.
  *
- * @param {"auto" | "cpu" | "gpu"} wanted - as `createMatcher` takes it.
- * @returns {Promise<Gpu | null>} null: the core searches; an Error if a GPU is wanted that cannot be opened.
+ * @param {"auto" | "cpu" | "gpu"} wanted - as for `createMatcher`.
+ * @returns {Promise<Gpu | null>} null: the core searches; an Error if a requested GPU cannot be opened.
  */
 export async function openGpu(wanted) {
   if (!DEVICES.includes(wanted)) refuse(wanted, DEVICES.map((name) => `'${name}'`).join(", "));
@@ -31,7 +31,7 @@ function refuse(got, accepts) {
 
 async function opened(isSoftwareAccepted) {
   if (!navigator.gpu) throw new Error("the browser has no WebGPU");
-  // By which WebAssembly waits for what is asynchronous.
+  // Lets WebAssembly wait for asynchronous calls.
   if (!WebAssembly.Suspending) throw new Error("the browser has no JavaScript Promise Integration");
   const adapter = await navigator.gpu.requestAdapter({ powerPreference: "high-performance" });
   if (!adapter) throw new Error("the browser offers no adapter");
@@ -44,11 +44,11 @@ async function opened(isSoftwareAccepted) {
 }
 
 class Gpu {
-  /** Of the adapter. */
+  /** The name of the adapter. */
   name;
   /** Threads of a workgroup, and bytes of a buffer. */
   limits;
-  /** Tasks that were done. */
+  /** Number of finished tasks. */
   tasks = 0;
   /** Why it no longer searches. */
   failure = "";
@@ -72,11 +72,11 @@ class Gpu {
   }
 
   /**
-   * Runs a task, and writes what its kernels find.
+   * Runs a task, and writes the results of its kernels.
    *
-   * @param {object} plan - of the core.
+   * @param {object} plan - from the core.
    * @param {(place: [number, number]) => Uint8Array} bytes - at a place of the core's memory.
-   * @returns {Promise<string>} the reason why it could not; empty if it could.
+   * @returns {Promise<string>} the reason for a failure; empty on success.
    */
   async search(plan, bytes) {
     if (this.failure) return this.failure;
@@ -91,14 +91,14 @@ class Gpu {
       read.unmap();
       this.tasks++;
     } catch (error) {
-      [this.failure] = (error.message || error.name).split("\n"); // which calls led to it follows
+      [this.failure] = (error.message || error.name).split("\n"); // a stack trace follows
       this.#device.destroy();
     }
     clearTimeout(timer);
     return this.failure;
   }
 
-  /** The buffer to read, mapped, once all is done without an error. */
+  /** The buffer to read, mapped, once everything has finished without an error. */
   async #run(plan, bytes) {
     const device = this.#device;
     const scopes = ["validation", "out-of-memory", "internal"];
@@ -131,7 +131,7 @@ class Gpu {
     return read;
   }
 
-  /** A buffer of at least this size: the one that is there, or a new one. */
+  /** A buffer of at least this size: the existing one, or a new one. */
   #fit(at, size, usage) {
     const kept = this.#buffers[at];
     if (kept?.size >= size) return kept;

@@ -1,5 +1,5 @@
-// What JPEG files say besides their pixels: the two pictures of cameras with two lenses (MPO, CIPA DC-007), and the focal
-// length (Exif). Both are in TIFF directories, which say where things lie counted from their header.
+// The metadata of JPEG files: the two pictures of cameras with two lenses (MPO, CIPA DC-007), and the focal
+// length (Exif). Both are in TIFF directories, whose offsets count from their header.
 
 const MOST_HEADER = 2 ** 18; // bytes before the pixels of the first picture
 const [START, APP1, APP2, SCAN] = [0xffd8, 0xffe1, 0xffe2, 0xffda];
@@ -9,19 +9,20 @@ const [COUNT, ENTRIES] = [0xb001, 0xb002]; // of a directory of pictures
 const [PHOTOGRAPH, FOCAL_35] = [0x8769, 0xa405]; // where the directory of the photograph is, and in it the focal length
 const SHORT = 3; // the type of a field
 
-// The first two pictures of a file, as blobs; the file alone if it holds one.
+// The first two pictures of a file, as blobs; only the file if it contains one.
 export async function picturesOf(file) {
   const parts = (await told(file, APP2, MPF, 4, entriesOf)) ?? [];
   const inside = parts.filter(([start, length]) => length > 0 && start + length <= file.size);
   return inside.length === 2 ? inside.map(([start, length]) => file.slice(start, start + length, "image/jpeg")) : [file];
 }
 
-// The focal length in mm that has this angle of view on a film of 36 mm x 24 mm; null if the file names none.
+// The focal length in mm with this angle of view on a film of 36 mm x 24 mm; null if the file does not have
+// it.
 export async function focal35Of(file) {
   return (await told(file, APP1, EXIF, 6, (directory) => directory.at(directory.first.get(PHOTOGRAPH)).get(FOCAL_35))) || null;
 }
 
-// What the directory behind a marker and a name holds; null if it is missing, or it ends early.
+// The contents of the directory behind a marker and a name; null if it is missing or ends early.
 async function told(file, marker, name, skipped, read) {
   const view = new DataView(await file.slice(0, MOST_HEADER).arrayBuffer());
   try {

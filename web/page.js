@@ -1,5 +1,6 @@
-// The page: which pair it is, what sliders do to it, and when it is matched: with `fast` while a slider moves, with
-// `robust` once it rests. One match at a time; what was asked for in the meantime is the latest.
+// The page: the chosen pair, the effects of the sliders, and when it is matched: with `fast` while a slider
+// moves, with `robust` once it rests. One match runs at a time; of the requests in the meantime, only the
+// latest counts.
 
 import { openCameras } from "./cameras.js";
 import { createMatcher } from "./matcher.js";
@@ -11,7 +12,7 @@ import { movedPoint, NOTHING, pointBefore, spoiled } from "./spoil.js";
 const REST = 300; // milliseconds after the last move of a slider
 const NOISE = 1; // gray levels, of rendered pairs; photographs have their own
 const SEEDS = { left: 1, right: 2 }; // of this noise
-const OWN = "own"; // what the user's pair is called in the list
+const OWN = "own"; // the name of the user's pair in the list
 
 const pair = { left: null, right: null, plain: null, truth: null, noise: 0, note: "", range: null, focal: null, isNew: true };
 const asked = { ...NOTHING };
@@ -23,14 +24,14 @@ let cameras = null; // open: each frame is matched with `fast`
 
 const root = document.documentElement;
 
-// What is matched: the pair as the sliders have it now.
+// The pair to match, with the current effects of the sliders.
 function spoiledPair() {
   const side = element("side-left").checked ? "left" : "right";
   const worse = spoiled(pair[side], asked, pair.noise, SEEDS[side]);
   return { ...pair.plain, [side]: worse, truth: pair.truth && movedTruth(side), range: pair.range };
 }
 
-// The disparities of a pair of which one image is turned and shifted.
+// The disparities of a pair with one image turned and shifted.
 function movedTruth(side) {
   if (!asked.turn && !asked.rows) return pair.truth;
   const { width, height } = pair.left;
@@ -95,7 +96,7 @@ async function matched(preset) {
   root.dataset.matched = preset;
 }
 
-// What was searched is searched again, so that `fast` need not look for it.
+// Searches the same range again, so that `fast` does not have to estimate it.
 function keepRange({ range: { minDisparity, numDisparities, origin } }) {
   if (origin === "found") pair.range = { minDisparity, numDisparities };
 }
@@ -129,7 +130,7 @@ function tellFindings(found) {
     made("li", { className: severity }, made("b", { textContent: severity }), ` ${sentence}`)));
 }
 
-// Wrong is what is off by more than 1 px or has no estimate, against a truth alone.
+// Pixels that are off by more than 1 px or have no estimate are wrong; this needs a known truth.
 function tellFigures(result, truth, preset) {
   const share = (counts) => `${((100 * maps.flags.reduce((sum, _, at) => sum + counts(at), 0)) / maps.flags.length).toFixed(1)} %`;
   element("trusted-shown").textContent = share(isTrusted);
@@ -137,7 +138,7 @@ function tellFigures(result, truth, preset) {
   element("wrong-shown").parentElement.hidden = !truth;
   element("time-shown").textContent = `${Math.max(1, Math.round(result.milliseconds))} ms`;
   const by = `with ${preset}, ${result.engine}`;
-  Object.assign(element("preset-shown"), { textContent: by, title: by }); // a long name is cut on a telephone
+  Object.assign(element("preset-shown"), { textContent: by, title: by }); // a long name is cut off on a phone
 }
 
 // The pair
@@ -165,7 +166,8 @@ async function takeFiles(files) {
 const OWN_PAIR = { truth: null, noise: 0, range: null };
 const takeOwn = (read) => take({ ...read, ...OWN_PAIR });
 
-// Cameras are watched until the button is pressed again, or another pair is chosen: the last frame is matched with `robust`.
+// Cameras are watched until the button is pressed again, or another pair is chosen: the last frame is matched
+// with `robust`.
 async function watch() {
   element("cameras").disabled = true;
   try {
@@ -208,7 +210,7 @@ function take(taken) {
   setSliders(NOTHING);
 }
 
-// The images as a good camera takes them.
+// The images as a good camera would take them.
 function takePlain() {
   const [left, right] = ["left", "right"].map((side) => spoiled(pair[side], NOTHING, pair.noise, SEEDS[side]));
   pair.plain = { left, right };

@@ -1,16 +1,16 @@
-// Photographs of the user's own: two files, or one with both views: side by side, or as two pictures (MPO). They are read
-// here and go nowhere.
+// The user's own photographs: two files, or one with both views: side by side, or as two pictures (MPO). They
+// are read here and are not sent anywhere.
 
 import { focal35Of, picturesOf } from "./jpeg.js";
 import { canvasOfDeep, deepImageOf } from "./png.js";
 
 const MOST_PIXELS = 500_000; // of an image: larger ones are made smaller, so that a match takes seconds at most
-const LEAST_RATIO = 1.2; // width by height from which on one file is taken for two views side by side
+const LEAST_RATIO = 1.2; // width by height from which on one file counts as two views side by side
 const LARGEST_UNLIKE = 0.02; // share by which width by height of two images may differ, since sizes are rounded
 const FILM = Math.hypot(36, 24); // mm, the diagonal that focal lengths refer to
 
-// The pair in some files: {left, right, focal, note}: `focal` in pixels if the photographs name it, `note` in words. Throws an
-// Error that says what is wrong.
+// The pair in some files: {left, right, focal, note}: `focal` in pixels if the photographs have it, `note` in
+// words. Throws an Error with the reason for a failure.
 export async function readPair(files) {
   const pictures = inOrder([...files]);
   if (pictures.length !== 1 && pictures.length !== 2) {
@@ -23,18 +23,18 @@ export async function readPair(files) {
   return pairOfTwo(views, await focal35Of(pictures[0]));
 }
 
-// The left image first, as far as names say: left.png before right.png, im0 before im1, img_1 before img_2.
+// The left image first, judging by the names: left.png before right.png, im0 before im1, img_1 before img_2.
 function inOrder(files) {
   return files.sort((a, b) => a.name.localeCompare(b.name, "en", { numeric: true }));
 }
 
-// What can be drawn, of each file; those of 16 bits are stretched alike.
+// The drawable image of each file; 16-bit ones are stretched equally.
 async function opened(blobs, names) {
   const read = await Promise.all(blobs.map(async (blob, n) => {
     try {
       return (await deepImageOf(blob)) ?? (await createImageBitmap(blob));
     } catch (error) {
-      const isOurs = error.constructor === Error; // the browser's say less
+      const isOurs = error.constructor === Error; // the browser's are less helpful
       const said = isOurs ? error.message : "is not an image that this browser reads; accepts PNG, JPEG, WebP and others";
       throw new Error(`${names[n] ?? names[0]}: ${said}`);
     }

@@ -1,11 +1,13 @@
-// PNG files of 16 bits a channel. Browsers keep the upper 8, which is black where a camera uses the lower 10 or 12.
+// PNG files with 16 bits per channel. Browsers keep the upper 8, which are black if a camera uses the lower
+// 10 or 12.
 
 const SIGNATURE = 0x89504e47;
 const [HEAD, DATA, END] = [0x49484452, 0x49444154, 0x49454e44]; // names of chunks
 const CHANNELS = { 0: 1, 2: 3, 4: 2, 6: 4 }; // by the type of color
 const MOST_PIXELS = 100_000_000;
 
-// {width, height, channels, values, bits}: `values` of 16 bits row by row, of which the lower `bits` are used; null for any other file.
+// {width, height, channels, values, bits}: 16-bit `values` row by row, using the lower `bits`; null for any
+// other file.
 export async function deepImageOf(file) {
   const head = new DataView(await file.slice(0, 29).arrayBuffer());
   if (head.byteLength < 29 || head.getUint32(0) !== SIGNATURE || head.getUint32(12) !== HEAD) return null;
@@ -25,7 +27,7 @@ export async function deepImageOf(file) {
   return { width, height, channels, values, bits };
 }
 
-// The parts of a file that hold pixels.
+// The parts of a file that contain pixels.
 async function chunksOf(file) {
   const parts = [];
   for (let at = 8; at + 12 <= file.size;) {
@@ -38,7 +40,7 @@ async function chunksOf(file) {
   return parts;
 }
 
-// No more of a stream than this many bytes, whatever it would unpack to; an Error if it is shorter.
+// At most this many bytes of a stream, however large it would unpack; an Error if it is shorter.
 function limited(stream, size) {
   let left = size;
   return stream.pipeThrough(new TransformStream({
@@ -80,7 +82,7 @@ function paeth(left, above, corner) {
   return a <= b && a <= c ? left : b <= c ? above : corner;
 }
 
-// The image as a canvas of 8 bits a channel, of `bits` that are used.
+// The image as a canvas with 8 bits per channel, from the `bits` in use.
 export function canvasOfDeep({ width, height, channels, values }, bits) {
   const shift = Math.max(0, bits - 8);
   const image = new ImageData(width, height);

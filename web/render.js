@@ -1,14 +1,15 @@
 // The built-in pairs: small scenes, ray-cast from two cameras, with exact disparities.
 //
-// Camera coordinates: x to the right, y down, z ahead, in baselines. The left camera is at the origin, the right one
-// at x = 1; both look along z. With a focal length of the images' width, a point at depth z has the disparity width / z.
+// Camera coordinates: x to the right, y down, z ahead, in baselines. The left camera is at the origin, the
+// right one at x = 1; both look along z. With a focal length of the images' width, a point at depth z has the
+// disparity width / z.
 
 const WIDTH = 448;
 const HEIGHT = 336;
-const FINE = 0.25; // pixels: where rays of a border are cast, off the middle of the pixel
-const LIGHT = unit([-0.45, -0.75, -0.5]); // towards it
+const FINE = 0.25; // pixels from the middle of a pixel where rays at a border are cast
+const LIGHT = unit([-0.45, -0.75, -0.5]); // toward it
 const STRENGTHS = [0.36, 0.36, 0.3, 0.26, 0.22]; // of the sizes of a texture, the finest first
-const NEAREST = 1e-3; // baselines: what a ray meets sooner is where it starts
+const NEAREST = 1e-3; // baselines: a nearer hit is where the ray starts
 
 export const NUM_DISPARITIES = 64; // all disparities of all scenes are below
 
@@ -96,7 +97,7 @@ function cast(parts, camera, x, y) {
   return Object.assign(met, { point, z: met.far });
 }
 
-// Where a ray meets a part first: how many of its ways away, and the normal there.
+// Where a ray first meets a part: the distance in ray lengths, and the normal there.
 const MEET = {
   plane({ axis, at }, from, way) {
     const far = (at - from[axis]) / way[axis];
@@ -134,8 +135,8 @@ function shade(parts, { part, point, normal, z }) {
   return color.map((value) => value * shown);
 }
 
-// Noise of several sizes, the finest three pixels at the depth that a part has about; sizes that a pixel would not
-// show, since it is farther away, fade out.
+// Noise of several sizes, the finest three pixels at the approximate depth of a part; sizes too small for a
+// pixel at a larger distance fade out.
 function texture([x, y, z], [dx, dy, dz], pixel, shown, seed) {
   let [sum, size] = [0, 3 * pixel];
   for (let octave = 0; octave < STRENGTHS.length; octave++, size *= 2.1) {
@@ -172,7 +173,7 @@ function hash(i, j, k, seed) {
   return ((value ^ (value >>> 16)) >>> 0) / 2 ** 31 - 1;
 }
 
-// The normal along an axis, towards where a ray comes from.
+// The normal along an axis, toward the origin of a ray.
 function facing(axis, way) {
   const normal = [0, 0, 0];
   normal[axis] = -Math.sign(way[axis]);

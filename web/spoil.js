@@ -1,5 +1,6 @@
-// What sliders do to one image of a pair, in the order in which a camera does it: it is turned or shifted, its lens is
-// out of focus, it shakes while exposed, it gets less light; noise comes last.
+// The effects of the sliders on one image of a pair, in the order in which they occur in a camera: it is
+// turned or shifted, its lens is out of focus, it shakes during the exposure, it receives less light; noise
+// comes last.
 
 const ANGLE = 20; // degrees: the direction of a motion
 const NOISE_SEED = 0x9e3779b9;
@@ -17,19 +18,20 @@ export function spoiled(image, asked, noise = 0, seed = 1) {
   return copy;
 }
 
-// Where the point at (x, y) of an image is once that is turned and shifted; both count from the first pixel's middle.
+// The place of the point (x, y) of an image after turning and shifting it; both count from the first pixel's
+// middle.
 export function movedPoint(x, y, { width, height }, { turn, rows }) {
   const [cos, sin] = [Math.cos((turn * Math.PI) / 180), Math.sin((turn * Math.PI) / 180)];
   const [dx, dy] = [x - (width - 1) / 2, y - (height - 1) / 2];
   return [(width - 1) / 2 + cos * dx - sin * dy, (height - 1) / 2 + sin * dx + cos * dy + rows];
 }
 
-// Where the point at (x, y) of a turned and shifted image was.
+// The original place of the point (x, y) of a turned and shifted image.
 export function pointBefore(x, y, size, { turn, rows }) {
   return movedPoint(x, y - rows, size, { turn: -turn, rows: 0 });
 }
 
-// The image turned and shifted, by cubic interpolation: that keeps it sharp.
+// The image turned and shifted, by cubic interpolation, which keeps it sharp.
 function moved(image, asked) {
   const { width, height, data } = image;
   const copy = new ImageData(width, height);
@@ -86,7 +88,7 @@ function disk(radius) {
   });
 }
 
-// A straight motion of this many pixels: of each row, the piece that the path takes in it.
+// A straight motion of this many pixels: for each row, the piece of the path in it.
 function path(length) {
   const [cos, sin] = [Math.cos((ANGLE * Math.PI) / 180), Math.sin((ANGLE * Math.PI) / 180)];
   const end = (length * cos) / 2;
@@ -98,7 +100,7 @@ function path(length) {
   }).filter(({ from, to }) => to > from);
 }
 
-// The image convolved with such pieces, each by the difference of two running sums; its borders go on.
+// The image convolved with such pieces, each by the difference of two running sums; its borders continue.
 function convolved(image, pieces) {
   const { width, height } = image;
   const reach = Math.ceil(Math.max(...pieces.map(({ to }) => to))) + 1;
@@ -122,7 +124,8 @@ function convolved(image, pieces) {
   return copy;
 }
 
-// Sums of each channel's rows from the left: those before a pixel, with this many more pixels at either end.
+// Sums of each channel's rows from the left, up to before each pixel, with this many more pixels at either
+// end.
 function runningSums({ width, height, data }, reach) {
   const sums = new Float64Array(3 * height * (width + 2 * reach + 1));
   let at = 0;

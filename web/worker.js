@@ -1,10 +1,10 @@
-// Loads the core's WebAssembly and works off what matcher.js asks for, one call after another: while the core waits for the
-// GPU, nothing else may call it.
+// Loads the core's WebAssembly and handles the requests of matcher.js, one call after another: while the core
+// waits for the GPU, nothing else may call it.
 
 import { openGpu } from "./gpu.js";
 
-// Sizes of the C interface's structs, see rust/c/phasestereo.h; each begins with its own, but for those of lists. Pointers
-// and sizes take four bytes.
+// Sizes of the C interface's structs, see rust/c/phasestereo.h; each begins with its own, except for those in
+// lists. Pointers and sizes take four bytes.
 const IMAGE = 28;
 const MAP = 36;
 const FOUND = 488;
@@ -18,16 +18,16 @@ const ORIGINS = ["given", "found", "default"];
 const SIDES = ["none", "left", "right"];
 const KINDS = ["none", "gaussian", "disk", "motion", "annulus", "other"];
 
-// Of the pair to warm up with: enough for the browser to compile what is hot with all optimizations.
+// Size of the pair to warm up with: enough for the browser to compile hot code with all optimizations.
 const WARM_UP = { width: 160, height: 120, numDisparities: 32, shift: 5, rounds: 3 };
 
-const PRESETS = ["fast", "robust"]; // to warm up with, and to hold a GPU to the core by
+const PRESETS = ["fast", "robust"]; // to warm up with, and to compare a GPU with the core
 
 let module = null; // compiled
-let core = null; // what its instance exports
+let core = null; // the exports of its instance
 let matchers = new Map(); // by preset
-let gpu = null; // what searches for the core; null: the core itself
-let last = Promise.resolve(); // the call before
+let gpu = null; // searches for the core; null: the core itself
+let last = Promise.resolve(); // the previous call
 
 const tasks = { load, check, match };
 
@@ -41,7 +41,7 @@ async function answer({ id, task, options }) {
     const sent = [value?.disparity, value?.flags, value?.confidence, value?.uncertainty];
     postMessage({ id, value }, sent.filter(Boolean).map((array) => array.buffer));
   } catch (error) {
-    // What traps leaves the memory in disorder: the next call gets a new instance.
+    // A trap leaves the memory inconsistent: the next call uses a new instance.
     if (error instanceof WebAssembly.RuntimeError) core = null;
     postMessage({ id, error: error.message });
   }
@@ -119,7 +119,7 @@ async function match({ left, right, preset, minDisparity, numDisparities }) {
       disparity,
       flags,
       confidence: Number.isNaN(confidence[0]) ? null : confidence,
-      uncertainty: Number.isNaN(confidence[0]) ? null : uncertainty, // both are there, or none is
+      uncertainty: Number.isNaN(confidence[0]) ? null : uncertainty, // both exist, or neither
       found: { ...readFound(found), findings: readFindings(sized(FINDING)) },
       milliseconds,
       engine: gpu?.tasks > before && !gpu.failure ? gpu.name : "WebAssembly",
@@ -141,7 +141,10 @@ function called(name, ...given) {
   return gpu ? WebAssembly.promising(work)(...given) : work(...given);
 }
 
-/** Has the GPU do what the core plans, which waits for it; returns 0, or the bytes of the reason why it could not. */
+/**
+ * Runs the core's plan on the GPU while the core waits; returns 0, or the length in bytes of the reason for a
+ * failure.
+ */
 async function search(start, length) {
   const bytes = ([at, count]) => new Uint8Array(core.memory.buffer, at, count);
   const plan = JSON.parse(new TextDecoder().decode(bytes([start >>> 0, length])));
@@ -159,7 +162,7 @@ async function matcherOf(preset) {
   return matchers.get(preset);
 }
 
-/** Does some work with memory of the core's, which is given back after it. */
+/** Does some work with memory of the core, which is freed afterward. */
 async function borrowed(work) {
   const taken = [];
   const memory = (bytes) => {
@@ -212,7 +215,7 @@ function readError() {
   return readText(core.phasestereo_error());
 }
 
-/** What the last call says of the pair, read through memory for one finding. */
+/** The findings of the last call, read through memory for one finding. */
 function readFindings(place) {
   const findings = [];
   while (core.phasestereo_get_finding(findings.length, place) === 1) {
@@ -231,7 +234,7 @@ function readText(start) {
   return new TextDecoder().decode(bytes.slice(0, bytes.indexOf(0)));
 }
 
-/** What was found, as matcher.js returns it. */
+/** The estimates, in the form that matcher.js returns. */
 function readFound(start) {
   const view = new DataView(core.memory.buffer, start, FOUND);
   const number = (offset) => {
