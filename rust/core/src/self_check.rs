@@ -89,7 +89,7 @@ pub const CASES: &[Case] = &[
     case(Fault::Defocus, LARGE, Work::Match(Preset::Robust, None), 0x3D7C_FEFC_EDF0_BC48),
     case(Fault::FocusApart, LARGE, Work::Match(Preset::Robust, None), 0x61BB_768A_873B_CCE7),
     case(Fault::Rows, LARGE, Work::Match(Preset::Robust, None), 0xF285_5656_4F69_21B6),
-    case(Fault::Plain, LARGE, Work::Match(Preset::Robust, None), 0xF16B_8ED3_1B2E_AAB8),
+    case(Fault::Plain, LARGE, Work::Match(Preset::Robust, None), 0x73D6_5A39_001B_F8E6),
     case(Fault::Defocus, MIDDLE, Work::Match(Preset::Robust, None), 0x5D31_3E61_3631_F18A),
     case(Fault::Motion, MIDDLE, Work::Match(Preset::Robust, None), 0xD770_0888_B851_8F38),
     case(Fault::Noise, MIDDLE, Work::Match(Preset::Robust, None), 0x9EEA_7857_435C_BD4F),

@@ -26,7 +26,7 @@ const FINE_WIDTH: usize = 720;
 /// Most columns of the still smaller copies, on which all disparities are tried.
 pub const COARSE_WIDTH: usize = 128;
 /// Largest disparity tried, as a share of the width.
-const REACH: f64 = 0.45;
+pub const REACH: f64 = 0.45;
 /// Vertical shifts of the smallest copies, in rows up and down, that are tried if nothing matches.
 const MOST_ROWS: isize = 6;
 /// Fewest rows of a reduced image: a very wide one keeps more columns instead.

@@ -16,6 +16,7 @@ use crate::estimation::estimates::Estimates;
 use crate::estimation::facts::Origin;
 use crate::estimation::order::{Order, Signs};
 use crate::estimation::overview::LEAST_SIZE;
+use crate::estimation::overview::REACH;
 use crate::estimation::photometry::{Contrast, Photometry};
 use crate::estimation::range::{LEAST_CONFIDENCE, LeftOut, SearchRange};
 use crate::estimation::rows::RowOffsets;
@@ -61,9 +62,13 @@ table! {
     Contrast, Note, when(known.estimates.is_inverted && !known.is_stuck(), []), NEGATIVE,
         remedy("the negative of the right one is matched");
     Range, Note, if known.is_lost() { known.lack("which disparities to search") } else { vec![] }, "";
-    Match, Warning, when(known.is_lost() && known.lack("").is_empty(), []),
+    Match, Warning, when(known.is_unlike() && known.is_given(), []),
         "hardly anything in one image is found in the other: these are not a pair, or far from rectified",
         cause(UNLIKE, 0.0);
+    Match, Warning, when(known.is_unlike() && !known.is_given(), [percent(REACH)]),
+        "hardly anything in one image is found in the other: these are not a pair, are far from rectified, or have \
+         disparities above {0} of the width",
+        remedy("give such disparities by min_disparity and num_disparities"), cause(UNLIKE, 0.0);
     Match, Warning, known.ends_if(|range| range.identical),
         "both images are the same, but for noise: there is nothing to match", cause(UNLIKE, 0.0);
     Swap, Note, known.ends_if(|range| !range.identical && range.negative && known.is_toed_in(range)),
@@ -181,6 +186,11 @@ impl Known<'_> {
     fn is_lost(&self) -> bool {
         let is_unlike = self.estimates.confidence.is_some_and(|found| found < LEAST_CONFIDENCE);
         !self.is_stuck() && self.estimates.range.is_none() && (!self.is_given() || is_unlike)
+    }
+
+    /// Whether that is not because the images are too small or too uniform.
+    fn is_unlike(&self) -> bool {
+        self.is_lost() && self.lack("").is_empty()
     }
 
     /// Whether the caller states the disparities.
