@@ -203,7 +203,7 @@ fn a_range_holds_what_is_found_and_what_stands_before_it() {
         with_runtime(1, Level::best(), |runtime| {
             let usual = copies.usual(runtime)?.expect("wide");
             let map = usual.rough(None, None, runtime)?;
-            range(Copies { finest: copies, fine: copies, overview: &usual }, &map, runtime)
+            range(Copies { finest: copies, fine: copies, overview: &usual }, &map, false, runtime)
         })
     };
     let found = |halves, thing| range_of(&stage(halves, thing)).expect("it runs").expect("texture").range;

@@ -450,7 +450,7 @@ impl CopyGeometry {
         let found = || {
             let finest = copies.finest(rows, runtime)?;
             let finest = finest.as_ref().unwrap_or(&copies);
-            range::range(Copies { finest, fine: &copies, overview }, last, runtime)
+            range::range(Copies { finest, fine: &copies, overview }, last, facts.turns(), runtime)
         };
         let found = is_asked.then(found).transpose()?.flatten();
 

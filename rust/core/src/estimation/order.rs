@@ -61,15 +61,16 @@ impl Signs {
     /// No signs.
     pub const NONE: Self = Self { ground: 0.0, sides: 0.0, is_seen: false };
 
-    /// The signs in a rough match of some copies.
-    pub fn new(copies: &Overview, map: &RoughMap) -> Self {
+    /// The signs in a rough match of some copies, which may be turned: then the columns are the rows of the
+    /// original images ([`Pair::turned`](phasestereo_match::pair::Pair::turned)).
+    pub fn new(copies: &Overview, map: &RoughMap, are_turned: bool) -> Self {
         let known = map.disparity.as_slice().iter().filter(|value| value.is_finite()).count();
         let votes = votes(copies, map);
         let [in_place, exchanged] = votes.map(|count| count as f64);
         let is_few = votes[0] + votes[1] < LEAST_VOTES;
 
         Self {
-            ground: rank_correlation(map),
+            ground: rank_correlation(map, are_turned),
             sides: if is_few { 0.0 } else { (in_place - exchanged) / (in_place + exchanged) },
             is_seen: known as f64 >= LEAST_KNOWN * map.disparity.as_slice().len() as f64,
         }
@@ -88,12 +89,15 @@ impl Signs {
     }
 }
 
-/// Spearman's rank correlation between known disparities and their rows.
-fn rank_correlation(map: &RoughMap) -> f64 {
-    let rows = map.disparity.rows();
-    let pixels = (0..rows).flat_map(|y| map.disparity.row(y).iter().map(move |value| (y, *value)));
+/// Spearman's rank correlation between known disparities and their rows in the original images.
+fn rank_correlation(map: &RoughMap, is_turned: bool) -> f64 {
+    let pixels = (0..map.disparity.rows()).flat_map(|y| {
+        let row = map.disparity.row(y).iter().enumerate();
+        row.map(move |(x, value)| (if is_turned { x } else { y }, *value))
+    });
     let known = pixels.filter(|(_, value)| value.is_finite());
-    let known: Vec<[i64; 2]> = known.map(|(y, value)| [y as i64, value.round_ties_even() as i64]).collect();
+    let known: Vec<[i64; 2]> =
+        known.map(|(row, value)| [row as i64, value.round_ties_even() as i64]).collect();
 
     let of_rows = middle_ranks(known.iter().map(|pixel| pixel[0]));
     let of_values = middle_ranks(known.iter().map(|pixel| pixel[1]));
@@ -210,7 +214,7 @@ mod tests {
         let gray = Plane::from_fn(rows, cols, |y, x| if thing(y, x) { 200.0 } else { 50.0 });
         let copies = Overview::of_planes([gray.clone(), gray]);
         let map = RoughMap { unsure: disparity.clone(), disparity, field: None, confidence: 1.0 };
-        Signs::new(&copies, &map)
+        Signs::new(&copies, &map, false)
     }
 
     #[test]
@@ -222,6 +226,16 @@ mod tests {
         }
         assert_eq!(signs(0.05, 0.0, true).order(), Order::InPlace, "a ground alone");
         assert_eq!(signs(0.05, 0.0, false).order(), Order::Exchanged);
+    }
+
+    #[test]
+    fn the_ground_is_below_in_the_images_before_they_were_turned() {
+        let gray = Plane::from_fn(SIZE.0, SIZE.1, |_, _| 50.0);
+        let copies = Overview::of_planes([gray.clone(), gray]);
+        let disparity = Plane::from_fn(SIZE.0, SIZE.1, |_, x| (x / 4) as f32);
+        let map = RoughMap { unsure: disparity.clone(), disparity, field: None, confidence: 1.0 };
+        let ground = [true, false].map(|are_turned| Signs::new(&copies, &map, are_turned).ground);
+        assert!(ground[0] > 0.99 && ground[1].abs() < 0.01, "{ground:?}");
     }
 
     #[test]

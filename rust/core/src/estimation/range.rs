@@ -168,8 +168,13 @@ struct Ends {
 }
 
 /// The range from a rough match of the overview; `None` if there is too little texture or too little in
-/// common.
-pub fn range(copies: Copies, map: &RoughMap, runtime: Runtime) -> Result<Option<FoundRange>> {
+/// common. `are_turned`: as for [`Signs::new`].
+pub fn range(
+    copies: Copies,
+    map: &RoughMap,
+    are_turned: bool,
+    runtime: Runtime,
+) -> Result<Option<FoundRange>> {
     // Repeating texture matches badly, but its periods are seen.
     let fine = copies.fine;
     let periods = periods(fine, map.field.as_ref(), runtime)?;
@@ -194,7 +199,7 @@ pub fn range(copies: Copies, map: &RoughMap, runtime: Runtime) -> Result<Option<
     let width = overview.planes[0].cols() * overview.factor;
     // The sign of repeating texture is unknown.
     let (negative, mixed) = if periods.is_some() { (false, false) } else { signs(map) };
-    let shown = Signs::new(overview, map);
+    let shown = Signs::new(overview, map, are_turned);
     let count = (end - start + 1).min(width as i64);
     let range = SearchRange { min: start, count, low, high, negative, mixed, shown, identical };
 
