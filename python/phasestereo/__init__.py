@@ -98,7 +98,7 @@ else:
     _ROOMS = "io", "matchers", "metrics", "opencv", "rectification", "views"
 
     def __getattr__(name):
-        """Import what is first asked for: with all of it an import would take twice as long."""
+        """Import each name on first use: importing everything would double the import time."""
         match name:
             case "io":
                 import phasestereo.io as home
@@ -145,7 +145,7 @@ else:
 
 
 def _as_html(result: Result) -> str:
-    """Show a result in a notebook: here, since a result knows nothing of pictures of it."""
+    """Show a result in a notebook: here, since the result's module does not import pictures."""
     from phasestereo.views import notebook
 
     return notebook.html(result)

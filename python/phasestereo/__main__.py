@@ -1,4 +1,4 @@
-"""The command ``phasestereo``: starts the command line, or says how to install it."""
+"""The command ``phasestereo``: starts the command line, or prints how to install it."""
 
 from __future__ import annotations
 

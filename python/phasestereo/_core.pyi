@@ -1,4 +1,4 @@
-"""The compiled core: validated again here, so that no argument can make it panic."""
+"""The compiled core. It validates arguments again, so that none can make it panic."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, final

@@ -1,4 +1,4 @@
-"""Devices that search in place of the processor: GPUs, by the distribution phasestereo-gpu."""
+"""Devices that search instead of the processor: GPUs, through the package phasestereo-gpu."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ ACCEPTS = "'auto', 'cpu', 'gpu' or a part of the name of an adapter"
 
 
 class Device(Protocol):
-    """What the core hands its searches to."""
+    """The object to which the core hands its searches."""
 
     @property
     def name(self) -> str:
@@ -21,21 +21,21 @@ class Device(Protocol):
         """Threads of a workgroup, bytes of the largest buffer, bytes of the largest volume."""
 
     def search(self, numbers: list[int], left: bytes, right: bytes, pixels: bytes) -> bytes:
-        """Return the words that the kernels find for a task, 3 words of 4 bytes each pixel.
+        """Return the words that the kernels find for a task: 3 words of 4 bytes per pixel.
 
         Parameters
         ----------
         numbers
-            The 20 numbers of the structure ``Task`` of the kernels.
+            The 20 numbers of the kernels' structure ``Task``.
         left, right
             The phase codes of the rows.
         pixels
-            Of each pixel the jumps from its neighbors, and its version of the right image.
+            For each pixel, the jumps from its neighbors and its version of the right image.
         """
 
 
 def opened(device: str) -> Device | None:
-    """Open the device that searches in place of the processor; None: the processor does.
+    """Open the device that searches instead of the processor; None: the processor searches.
 
     Parameters
     ----------
@@ -45,11 +45,11 @@ def opened(device: str) -> Device | None:
     Raises
     ------
     TypeError
-        If it is not a text.
+        If it is not a string.
     ValueError
-        If no adapter has that name, or it cannot be opened.
+        If no adapter has that name, or the adapter cannot be opened.
     ImportError
-        If phasestereo-gpu, which is needed for anything but "cpu" and "auto", is not installed.
+        If phasestereo-gpu is not installed; all values but "cpu" and "auto" need it.
     """
     if not isinstance(device, str):
         raise TypeError(f"device: got {type(device).__name__}; accepts {ACCEPTS}")

@@ -1,4 +1,4 @@
-"""Optional dependencies: imported when first needed; an error says what installs them."""
+"""Optional dependencies: imported on first use; the error names the command that installs them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ def require(module: str, *, extra: str, of: str = "phasestereo") -> Any:
     module
         Dotted name of the module to import.
     extra
-        The extra which installs it.
+        The extra that installs it.
     of
         The distribution that has the extra.
 

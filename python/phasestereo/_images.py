@@ -1,4 +1,4 @@
-"""Whatever the caller calls an image -> rows x columns x channels, as the core takes it."""
+"""Any image a caller passes -> rows x columns x channels, as the core takes it."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ Pixels: TypeAlias = (
 )
 
 Mask: TypeAlias = NDArray[np.bool_]
-"""Where pixels are valid: True."""
+"""True where pixels are valid."""
 
 Map: TypeAlias = NDArray[np.float32]
-"""Disparities, or what else there is of each pixel; NaN where nothing is known."""
+"""Disparities, or other values per pixel; NaN where unknown."""
 
 ImageOrPath: TypeAlias = ArrayLike | os.PathLike[str]
-"""An image as an array, or the file of one (`ArrayLike` has names of files among its types)."""
+"""An image as an array, or its file (`ArrayLike` includes file names)."""
 
 ACCEPTED = "uint8, uint16, float32 or float64"
 
 _INTENSITIES = (0.1, 99.9)  # percentiles: the ends of `Settings.intensity_range`, too
 _KINDS = {"b": "bool", "f": "floats", "iu": "integers", "iuf": "real numbers"}
-_SAMPLES = 2**20  # pixels: as good as all to find the ends of intensities
+_SAMPLES = 2**20  # pixels: nearly as good as all of them for finding the ends of intensities
 
 
 def as_pixels(image: ArrayLike, name: str) -> Pixels:
@@ -70,12 +70,12 @@ def as_pixels(image: ArrayLike, name: str) -> Pixels:
 
 
 def as_views(left: ArrayLike, right: ArrayLike) -> tuple[Pixels, Pixels]:
-    """Return both images of a pair as `as_pixels` does; they may differ in size and type."""
+    """Return both images as `as_pixels` does; they may differ in size and type."""
     return as_pixels(left, "left"), as_pixels(right, "right")
 
 
 def as_alike(left: ArrayLike, right: ArrayLike) -> tuple[Pixels, Pixels]:
-    """Return both images as they are matched, the right one at the size of the left one."""
+    """Return both images as they are matched: the right one at the left one's size."""
     pair = as_views(left, right)
     if pair[0].shape[:2] == pair[1].shape[:2]:
         return pair
@@ -83,7 +83,7 @@ def as_alike(left: ArrayLike, right: ArrayLike) -> tuple[Pixels, Pixels]:
 
 
 def as_pair(left: ArrayLike, right: ArrayLike) -> tuple[Pixels, Pixels]:
-    """Return both images of a pair as `as_pixels` does; they must agree in size and type."""
+    """Return both images as `as_pixels` does; their sizes and types must agree."""
     pair = as_views(left, right)
 
     if pair[0].dtype != pair[1].dtype:
@@ -97,11 +97,11 @@ def as_pair(left: ArrayLike, right: ArrayLike) -> tuple[Pixels, Pixels]:
 
 
 def as_rgb8(pixels: Pixels) -> NDArray[np.uint8]:
-    """Return an image, as `as_pixels` does, as one to look at: uint8 (H, W, 3).
+    """Return an image from `as_pixels` as one to look at: uint8 (H, W, 3).
 
-    uint8 stays as it is; uint16 is shifted down from as many bits as the image uses, since few
-    cameras use all 16; floats are stretched to the range in which they lie, but for 0.1 % at either
-    end, NaN being black.
+    uint8 stays as it is. uint16 is shifted right by the bits that the image does not use: few
+    cameras use all 16. Floats are stretched to their range without the 0.1 % at either end; NaN
+    becomes black.
     """
     if pixels.dtype == np.uint16:
         shift = max(int(pixels.max()).bit_length() - 8, 0)
@@ -124,7 +124,7 @@ def screen_range(images: Sequence[NDArray[Any]]) -> tuple[float, float]:
 
 
 def on_screens(images: Sequence[Pixels]) -> list[NDArray[np.uint8]]:
-    """Return images in 8 bits: as they are, or stretched, those of one dtype by one range."""
+    """Return images in 8 bits, unchanged or stretched; images of one dtype share one range."""
     alike = len({image.dtype for image in images}) == 1
     return [
         image.astype(np.uint8, copy=False)
@@ -135,7 +135,7 @@ def on_screens(images: Sequence[Pixels]) -> list[NDArray[np.uint8]]:
 
 
 def on_screen(image: NDArray[Any], black_white: tuple[float, float]) -> NDArray[np.uint8]:
-    """Return an image in 8 bits, stretched to a range; black is what is not finite."""
+    """Return an image in 8 bits, stretched to a range; non-finite pixels become black."""
     low, high = black_white
     values = image.astype(np.float64)
     share = (np.where(np.isfinite(values), values, low) - low) / (high - low)
@@ -151,16 +151,16 @@ def as_mask(mask: ArrayLike | None, size: tuple[int, ...], name: str) -> NDArray
 
 
 class RightView(NamedTuple):
-    """How a right image of another size lies over the left one."""
+    """Where a right image of another size lies over the left one."""
 
     size: tuple[int, int]
     """Its columns and rows."""
     matrix: NDArray[np.float64]
-    """(3, 3), leads from its columns and rows to those of the left image."""
+    """(3, 3): maps its columns and rows to those of the left image."""
 
 
 class Seen(NamedTuple):
-    """An image as a caller gave it, as the core takes it, and which of its pixels are valid."""
+    """An image as the caller gave it, as the core takes it, and its mask of valid pixels."""
 
     array: NDArray[np.generic]
     pixels: Pixels
@@ -168,17 +168,17 @@ class Seen(NamedTuple):
 
 
 def as_seen(image: ArrayLike, mask: ArrayLike | None, name: str) -> Seen:
-    """Return an image, and which of its pixels are one; None: all.
+    """Return an image and the mask of its valid pixels; None: all are valid.
 
     Parameters
     ----------
     image
-        As `as_pixels` takes it, or a masked array of NumPy. Not valid is what that masks, an alpha
-        of 0, unless it is 0 everywhere, and NaN, which floats have where there is no data.
+        As `as_pixels` takes it, or a NumPy masked array. Invalid are masked pixels, pixels with an
+        alpha of 0 (unless alpha is 0 everywhere), and NaN, which marks missing data in floats.
     mask
         bool (H, W), True = valid; None: all.
     name
-        Name of the argument, for messages; that of the mask ends in ``_mask``.
+        Name of the argument, for messages; the name of the mask ends in ``_mask``.
 
     Raises
     ------
@@ -199,7 +199,7 @@ def as_seen(image: ArrayLike, mask: ArrayLike | None, name: str) -> Seen:
         valid = join_masks(valid, ~hidden.reshape(*size, -1).any(axis=2))
     if array.shape[2:] == (4,):
         seen = np.asarray(array[:, :, 3] != 0)
-        # A fourth channel of zeros alone is there to fill up four bytes.
+        # A fourth channel that is 0 everywhere only pads pixels to four bytes.
         valid = join_masks(valid, seen) if seen.any() and not seen.all() else valid
     if pixels.dtype.kind == "f":
         known = np.logical_not(np.isnan(pixels).max(axis=2))
@@ -217,9 +217,9 @@ def join_masks(
 
 
 def as_array(value: ArrayLike, name: str) -> NDArray[np.generic]:
-    """Return an array-like as an array, that of another library without a copy, by DLPack.
+    """Return an array-like as an array; DLPack passes other libraries' arrays without a copy.
 
-    If it is not one, the message names the argument.
+    If it is not an array, the message names the argument.
     """
     if _is_masked_array(value):
         raise TypeError(f"{name}: got a masked array; accepts plain arrays, and masks apart")
@@ -249,11 +249,11 @@ def as_numbers(
     value
         The argument.
     name
-        What messages call it.
+        The name that messages use.
     dtypes
-        NumPy's letters of kinds, as in `_KINDS`, or names of dtypes.
+        NumPy's kind letters, as in `_KINDS`, or names of dtypes.
     shapes
-        Those that are accepted, a letter for a length from 1; without any (H, W).
+        The accepted shapes, with a letter for each length from 1; none: (H, W).
 
     Raises
     ------

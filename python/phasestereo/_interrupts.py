@@ -1,4 +1,4 @@
-"""Ctrl-C, postponed where something must not be half done."""
+"""Ctrl-C, postponed where work must not stop halfway."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from contextlib import contextmanager
 
 @contextmanager
 def interrupts_postponed() -> Iterator[None]:
-    """Postpone Ctrl-C to the end of a block; an exception that ends the block comes first.
+    """Postpone Ctrl-C to the end of a block; an exception that ends the block takes precedence.
 
-    A signal mask would not do: the system delivers a signal that one thread masks to another one,
-    and Python still runs the handler in the main thread.
+    A signal mask would not work: the system delivers a signal that one thread masks to another
+    thread, and Python still runs the handler in the main thread.
     """
     handler = signal.getsignal(signal.SIGINT)
     if not callable(handler) or threading.current_thread() is not threading.main_thread():

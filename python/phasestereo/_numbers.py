@@ -1,4 +1,4 @@
-"""Numbers as arguments, refused by name if they are invalid or out of range; and for JSON."""
+"""Number arguments: invalid or out-of-range ones are refused by name. Also numbers for JSON."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def accept(name: str, value: object, known: Collection[str]) -> None:
     Raises
     ------
     ValueError
-        If so.
+        If it is not.
     """
     if value not in known:
         raise ValueError(f"{name}: got {value!r}; accepts {', '.join(map(repr, known))}")
@@ -32,11 +32,11 @@ def as_integer(
     Parameters
     ----------
     name
-        What messages call it.
+        The name that messages use.
     value
-        The argument: an integer of Python or NumPy, and no bool.
+        The argument: an integer of Python or NumPy, not a bool.
     least, most
-        The smallest and the largest one that is accepted; None: any. `most` needs `least`.
+        The smallest and the largest accepted value; None: any. `most` needs `least`.
 
     Raises
     ------
@@ -51,7 +51,7 @@ def as_integer(
 
     if least is not None and (number < least or (most is not None and number > most)):
         end = "or more" if most is None else f"to {most}"
-        # Python may refuse to print a huge one: `sys.set_int_max_str_digits`.
+        # Python may refuse to print a huge integer: `sys.set_int_max_str_digits`.
         got = number if number.bit_length() <= _PRINTED_BITS else "a huge integer"
         raise ValueError(f"{name}: got {got}; accepts {least} {end}")
     return number
@@ -70,11 +70,11 @@ def as_number(
     Parameters
     ----------
     name
-        What messages call it.
+        The name that messages use.
     value
-        The argument: a real number of Python or NumPy, and no bool.
+        The argument: a real number of Python or NumPy, not a bool.
     least, most
-        The smallest and the largest one that is accepted; None: any. `most` needs `least`.
+        The smallest and the largest accepted value; None: any. `most` needs `least`.
     positive
         Whether it must be above 0.
 
@@ -89,7 +89,7 @@ def as_number(
         raise TypeError(f"{name}: got {type(value).__name__}; accepts a number")
     try:
         number = float(value)
-    except OverflowError:  # of an integer that Python may refuse to print, too
+    except OverflowError:  # also for an integer that Python may refuse to print
         number, value = math.inf, "a huge number"
 
     is_low = (positive and number <= 0) or (least is not None and number < least)
@@ -102,7 +102,7 @@ def as_number(
 
 
 def check_type(name: str, value: object, kind: Any, accepts: str) -> None:
-    """Refuse an argument of another type by its name.
+    """Refuse an argument of the wrong type by its name.
 
     Raises
     ------
@@ -119,13 +119,13 @@ def check_callable(name: str, value: object) -> None:
     Raises
     ------
     TypeError
-        If it is another.
+        If it is something else.
     """
     check_type(name, value, (Callable, type(None)), "a callable or None")
 
 
 def as_json(value: Any) -> Any:
-    """Return nested records with None for numbers that JSON does not have, and no tuples."""
+    """Return nested records for JSON: None for non-finite numbers, lists for tuples."""
     match value:
         case np.generic():
             return as_json(value.item())

@@ -1,4 +1,4 @@
-"""Images that a caller has, or names the file of."""
+"""Images that a caller passes as arrays or as files."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from phasestereo._images import (
 )
 
 Progress: TypeAlias = Callable[[int, int], object]
-"""Called as ``progress(done, total)`` while a pair is worked on."""
+"""Called as ``progress(done, total)`` during a match."""
 
 
 def opened(image: ImageOrPath) -> ArrayLike:
-    """Return an image; where it is a path, read it, as `phasestereo.io.read_image` does.
+    """Return an image; read a path as `phasestereo.io.read_image` does.
 
     Raises
     ------
@@ -40,7 +40,7 @@ def opened(image: ImageOrPath) -> ArrayLike:
 
 
 class Opened(NamedTuple):
-    """A pair as a caller gave it, as the core takes it, and what of both images is valid."""
+    """A pair as the caller gave it, as the core takes it, and the valid pixels of both images."""
 
     arrays: tuple[NDArray[np.generic], NDArray[np.generic]]
     pair: tuple[Pixels, Pixels]
@@ -51,19 +51,19 @@ def opened_valid(
     images: tuple[ImageOrPath, ImageOrPath],
     masks: tuple[ArrayLike | None, ArrayLike | None] = (None, None),
 ) -> Opened:
-    """Return a pair with what masks, alpha, NaN and the no-data values of files leave of it.
+    """Return a pair and its valid pixels, by masks, alpha, NaN and the no-data values of files.
 
     Parameters
     ----------
     images
-        The left and the right image, or the files of them.
+        The left and the right image, or their files.
     masks
         bool (H, W), True = valid; None: all.
 
     Raises
     ------
     TypeError, ValueError
-        If they are not images, or the masks are not those of them.
+        If the images or the masks are invalid, or do not fit each other.
     OSError, ImportError
         As `phasestereo.io.read_image`; ImportError also for a GeoTIFF file without the extra
         ``geo``.
@@ -85,12 +85,12 @@ def _opened(image: ImageOrPath, mask: ArrayLike | None, name: str) -> Seen:
 
 
 class Fitted(NamedTuple):
-    """A pair, and what is valid of it, with the right image at the size of the left one."""
+    """A pair and its valid pixels, with the right image at the left one's size."""
 
     pair: tuple[Pixels, Pixels]
     masks: tuple[Mask | None, Mask | None]
     right: RightView | None
-    """None: it is of this size."""
+    """None: it has this size already."""
 
 
 def opened_alike(

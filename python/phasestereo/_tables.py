@@ -1,11 +1,11 @@
-"""Tables of text as notebooks show them: HTML that takes the colors of the page."""
+"""Text tables for notebooks: HTML in the colors of the page."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 
 BLOCK = "max-width:980px;line-height:1.4;"
-"""The style of all that is shown; inline, since notebooks that are not trusted have no other."""
+"""The style of all tables; inline, since untrusted notebooks drop any other."""
 
 _TABLE = "border-collapse:collapse;margin:6px 0;"
 _CELL = "text-align:left;vertical-align:top;padding:2px 16px 2px 0;"
@@ -19,7 +19,7 @@ def as_html(
     *,
     bold: str | None = None,
 ) -> str:
-    """Return a name, words on it and a table; rows that have the text ``bold`` are in bold."""
+    """Return a table below a name and a caption; rows with the text ``bold`` are bold."""
     from html import escape  # noqa: PLC0415 - its entities would take 6 % of `import phasestereo`
 
     head = "".join(f'<th style="{_CELL}">{escape(text)}</th>' for text in heads)

@@ -1,12 +1,11 @@
-"""The command line: one module a command, and here what all of them share.
+"""The command line: one module per command, and here the code that all of them share.
 
-Exit codes: 0 success, 1 the run failed, 2 the command line was wrong, 3 --strict and a match that
-is not to be trusted. An error that the user can fix is one line on standard error, any other a
-traceback. Importing this package needs the extra ``cli``; `phasestereo.__main__` says so where it
-is missing.
+Exit codes: 0 success, 1 the run failed, 2 the command line was wrong, 3 --strict and an untrusted
+match. An error that the user can fix is one line on standard error; any other error is a traceback.
+Importing this package needs the extra ``cli``; `phasestereo.__main__` reports when it is missing.
 """
 
-# No `from __future__ import annotations`: the command line is made of these annotations.
+# No `from __future__ import annotations`: cyclopts reads these annotations at run time.
 
 import os
 import sys
@@ -34,7 +33,7 @@ phasestereo match left.png right.png -o out.pfm
 _HELP_FORMATTER = Help()
 
 COMMANDS = "phasestereo.cli"
-"""The group of entry points by which other distributions add commands."""
+"""The entry point group by which other distributions add commands."""
 
 _LIVE = "'phasestereo[live]' (in a clone: '.[live]' ./python/phasestereo-live)"
 
@@ -71,8 +70,8 @@ OTHERS = {
         "./benches/harness (in a clone)",
     ),
 }
-"""The commands of our other distributions: their help, which imports none of them, and what pip
-installs them by."""
+"""Commands of our other distributions: their help, readable without an import, and the
+requirement that pip installs."""
 
 OURS = {
     "check": (
@@ -105,7 +104,7 @@ OURS = {
         "Match a pair that is made here, its left image out of focus, and open the page of it.",
     ),
 }
-"""The commands that are imported only when they are called: where they are, and their help."""
+"""The commands imported only when called: their modules and their help."""
 
 app = App(
     name="phasestereo",
@@ -117,12 +116,12 @@ app = App(
 )
 app.command(match.match)
 for _name, (_place, _text) in OURS.items():
-    # Imported only when it is called, for the sake of the others.
+    # Imported only when called, so that the other commands start fast.
     app.command(_place, name=_name, help=_text)
 
 
 def _missing(requirement: str) -> Callable[..., None]:
-    """Return a command that refuses, whatever follows it, and says what pip is to install."""
+    """Return a command that refuses any arguments and names the requirement to install."""
 
     def refuse(*_: Annotated[str, Parameter(allow_leading_hyphen=True, show=False)]) -> None:
         raise CommandError(
@@ -133,7 +132,7 @@ def _missing(requirement: str) -> Callable[..., None]:
 
 
 def _add_commands_of_others() -> None:
-    """Add what other distributions declare as entry points, and what ours would if installed."""
+    """Add the entry points of other distributions, and placeholders for ours not installed."""
     found = {point.name: point.value for point in entry_points(group=COMMANDS)}
     for name in OTHERS | found:
         text, requirement = OTHERS.get(name, (None, ""))
@@ -153,7 +152,7 @@ def run(arguments: Sequence[str]) -> int:
     Parameters
     ----------
     arguments
-        What follows the program's name on the command line.
+        The words after the program's name on the command line.
     """
     try:
         _execute(arguments)
@@ -166,7 +165,7 @@ def run(arguments: Sequence[str]) -> int:
     except CommandError as error:
         return _refuse(error)
     except BrokenPipeError:
-        # The reader has gone, as with `| head`; nothing is left to be flushed at exit.
+        # The reader has closed the pipe, as `| head` does; nothing is left to flush at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     return 0

@@ -1,6 +1,6 @@
 """``phasestereo check``: two image files in, a diagnosis out."""
 
-# No `from __future__ import annotations`: the command line is made of these annotations.
+# No `from __future__ import annotations`: cyclopts reads these annotations at run time.
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -21,7 +21,7 @@ from phasestereo.rig.diagnosis import check as check_pair
 
 _TINTS = {"left": (1.0, 0.2, 0.1), "right": (0.1, 0.4, 1.0)}  # red, blue
 _NO_TINT = (0.0, 0.0, 0.0)
-_WEIGHT = 0.6  # of the tint, where the blur is the strongest
+_WEIGHT = 0.6  # of the tint, where the blur is strongest
 
 
 def check(
@@ -34,27 +34,26 @@ def check(
     as_json: Annotated[bool, Parameter(name="--json", negative=(), show_default=False)] = False,
     strict: Annotated[bool, Parameter(negative=())] = False,
 ) -> None:
-    """Diagnose a stereo pair: what keeps it from being matched well.
+    """Diagnose a stereo pair: find faults that spoil the match.
 
-    One line each on swapped images, the disparities to search, vertical misalignment, relative
-    blur, gain and gamma, noise, saturation and texture; it begins with ``ok``, ``note`` or
-    ``warning``. A copy of at most 0.4 megapixels is matched, and the first line warns if that
-    fails. The exit code is 0 whatever is found, unless --strict is given.
+    Prints one line each on swapped images, the disparities to search, vertical misalignment,
+    relative blur, gain and gamma, noise, saturation and texture. Each begins with ``ok``, ``note``
+    or ``warning``. A copy of at most 0.4 megapixels is matched; the first line warns if that fails.
+    The exit code is 0 regardless of findings, unless --strict is given.
 
     Parameters
     ----------
     left
-        Left image: PNG, JPEG, WebP, HEIF, PBM/PGM/PPM, BMP, TIFF, .npy or PFM; gray or color. Or,
-        without RIGHT, a stereo photograph that holds both views.
+        Left image: PNG, JPEG, WebP, HEIF, PBM/PGM/PPM, BMP, TIFF, .npy or PFM; gray or color.
+        Without RIGHT, a stereo photograph that holds both views.
     right
-        Right image; it may be of another size and type.
+        Right image; may differ in size and type.
     layout
         Where one file has both views: side-by-side, or top-bottom with the left view above. An MPO
-        file has two pictures and needs none.
+        file has two pictures and needs no layout.
     blur_map
-        PNG file for a picture of where which image is softer: the left image in gray, tinted red
-        where it is softer than the right one and blue where the right one is, the more the
-        stronger the blur.
+        PNG file for a picture of the blur: the left image in gray, tinted red where it is softer
+        than the right one, and blue where the right one is softer. Stronger blur, stronger tint.
     as_json
         Print one JSON object on standard output: sentences, numbers, the map of blurs.
     strict
@@ -81,10 +80,10 @@ def check(
 
 
 def _picture(estimate: BlurEstimate | None, image: NDArray[Any]) -> NDArray[np.uint8]:
-    """Return an image in gray, tinted by what is blurred in it."""
+    """Return an image in gray, tinted by the blur in it."""
     gray = image[:, :, :3].mean(axis=2) if image.ndim == 3 else image.astype(np.float64)
 
-    # Any scale of gray becomes 0 to 1.
+    # Any range of gray becomes 0 to 1.
     gray = (gray - gray.min()) / max(float(np.ptp(gray)), np.finfo(float).tiny)
     shown = np.repeat(gray[:, :, np.newaxis], 3, axis=2)
 
@@ -98,7 +97,7 @@ def _picture(estimate: BlurEstimate | None, image: NDArray[Any]) -> NDArray[np.u
 
 
 def _tints(blurs: Sequence[Blur]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return a color and how much of it to mix in, for each blur."""
+    """Return a color and its mixing weight for each blur."""
     color = np.array([_TINTS.get(blur.side, _NO_TINT) for blur in blurs])
     strength = np.array([blur.spread for blur in blurs])
     weight = _WEIGHT * strength / max(float(strength.max()), np.finfo(float).tiny)

@@ -1,6 +1,6 @@
 """``phasestereo doctor``: what is installed, how fast it is, and whether its bits are right."""
 
-# No `from __future__ import annotations`: the command line is made of these annotations.
+# No `from __future__ import annotations`: cyclopts reads these annotations at run time.
 
 import os
 import platform
@@ -33,7 +33,7 @@ _REQUIREMENT = re.compile(
     r"(?P<name>[\w.-]+)(?:\[(?P<extras>[\w,-]+)\])?[^;]*"
     r"(?:;.*?extra == ['\"](?P<extra>[\w-]+)['\"])?"
 )
-_SIZE = 480, 640  # rows and columns of the pair that is matched for its time
+_SIZE = 480, 640  # rows and columns of the pair whose match is timed
 _ROUNDS = 5
 _CLONE = " (in a clone: '.[...]' ./python/phasestereo-{gpu,large,live})"
 
@@ -41,9 +41,9 @@ _CLONE = " (in a clone: '.[...]' ./python/phasestereo-{gpu,large,live})"
 def doctor(
     *, as_json: Annotated[bool, Parameter(name="--json", negative=(), show_default=False)] = False
 ) -> None:
-    """Say what is installed here, how fast it is, and whether its results are right.
+    """Report the installed parts, their speed, and whether their results are right.
 
-    The exit code is 1 if a match differs by a bit from that of other platforms.
+    The exit code is 1 if a match differs by a bit from other platforms' matches.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def doctor(
 
 
 def _versions() -> dict[str, str]:
-    """Return the versions of Python, NumPy and our distributions that are installed."""
+    """Return the installed versions of Python, NumPy and our distributions."""
     found = {"python": platform.python_version(), "numpy": np.__version__}
     for name in _OURS:
         try:
@@ -86,7 +86,7 @@ def _versions() -> dict[str, str]:
 
 
 def _times() -> dict[str, float]:
-    """Return the median time of a match of each preset, in milliseconds."""
+    """Return the median time of a match with each preset, in milliseconds."""
     rows, cols = _SIZE
     coarse = np.random.default_rng(0).integers(0, 256, (rows // 4, cols // 4 + 8), np.uint8)
     scene = coarse.repeat(4, axis=0).repeat(4, axis=1)
@@ -104,7 +104,7 @@ def _times() -> dict[str, float]:
 
 
 def _adapters() -> list[dict[str, str]] | None:
-    """Return the adapters that searches may run on; None: phasestereo-gpu is not installed."""
+    """Return the adapters that can run searches; None: phasestereo-gpu is not installed."""
     try:
         gpus = require("phasestereo_gpu", extra="gpu")
     except ImportError:
@@ -114,13 +114,13 @@ def _adapters() -> list[dict[str, str]] | None:
 
 
 def _device() -> str:
-    """Return the name of the adapter that ``device="auto"`` takes; "cpu": it takes none."""
+    """Return the name of the adapter that ``device="auto"`` takes; "cpu": none."""
     device = opened("auto")
     return "cpu" if device is None else device.name
 
 
 def _missing() -> list[str]:
-    """Return the extras of which something is not installed."""
+    """Return the extras with missing packages."""
     extras = distribution("phasestereo").metadata.get_all("Provides-Extra") or ()
     return sorted(
         extra for extra in extras if extra != "all" and not _is_installed("phasestereo", extra)
@@ -128,7 +128,7 @@ def _missing() -> list[str]:
 
 
 def _is_installed(name: str, extra: str = "") -> bool:
-    """Return whether a distribution is there, and of ours what it and an extra of it require."""
+    """Return whether a distribution is installed, and for ours also its and an extra's packages."""
     try:
         requirements = distribution(name).requires or ()
     except PackageNotFoundError:

@@ -1,4 +1,4 @@
-"""What a user can get wrong, as distinguished from what a programmer can; reports that refuse."""
+"""Errors that a user can fix, kept apart from a programmer's; and reports that end the run."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class CommandError(Exception):
     Parameters
     ----------
     message
-        One line: what was wrong, and what would be right.
+        One line: the mistake, and what is accepted instead.
     code
         The exit code of the process.
     """
@@ -36,15 +36,15 @@ class CommandError(Exception):
 
 @contextmanager
 def refusals(*, options: Collection[str] = ()) -> Iterator[None]:
-    """Turn what the library refuses in this block into a `CommandError`.
+    """Turn errors that the library documents into a `CommandError` in this block.
 
-    Everything it does not document to raise passes: that is a bug, and shows its traceback.
+    All other errors pass: they are bugs, and show their traceback.
 
     Parameters
     ----------
     options
-        Arguments, and fields of `Known`, that come from options of the same name. Where a message
-        begins with one of them, the command line was wrong, else the run failed.
+        Arguments, and fields of `Known`, that come from options of the same name. If a message
+        begins with one of them, the command line was wrong; otherwise the run failed.
     """
     try:
         yield
@@ -62,17 +62,17 @@ def option(argument: str) -> str:
 
 
 def wrong(argument: str, message: str) -> CommandError:
-    """Return the error of an argument whose value is wrong."""
+    """Return the error for an argument with a wrong value."""
     return CommandError(f"{option(argument)}: {message}", WRONG_USAGE)
 
 
 def refuse_picture(argument: str, path: str | Path) -> None:
-    """Refuse a picture where a calibration is wanted; its reader refuses what is not a file at all.
+    """Refuse a picture in place of a calibration; the reader refuses paths that are not files.
 
     Raises
     ------
     CommandError
-        If it is one.
+        If it is a picture.
     """
     if Path(path).is_file() and is_picture(path):
         raise wrong(argument, f"got {path}, which is a picture; accepts a file of numbers")
@@ -83,7 +83,7 @@ def claim(
     sources: Iterable[Path | None],
     suffixes: Mapping[str, Sequence[str]] = MappingProxyType({}),
 ) -> list[Path]:
-    """Return the files to write, their folders being made; refuse those that are read.
+    """Return the files to write and make their folders; refuse files that are read.
 
     Parameters
     ----------
@@ -92,12 +92,12 @@ def claim(
     sources
         The files that are read.
     suffixes
-        Those of an argument's file, of arguments that do not accept all.
+        The accepted suffixes of an argument's file; arguments not listed accept all.
 
     Raises
     ------
     CommandError
-        If one is read, given twice or of another kind, or its folder cannot be made.
+        If one is read, is given twice or has another suffix, or its folder cannot be made.
     """
     taken = [path for path in sources if path]
     files = [(argument, path) for argument, path in targets if path is not None]
@@ -116,25 +116,25 @@ def claim(
 
 
 def _is_same(path: Path, other: Path) -> bool:
-    """Return whether two paths name one file; either may not exist yet."""
+    """Return whether two paths name the same file; either may not exist yet."""
     if path.exists() and other.exists():
         return path.samefile(other)
     return os.path.realpath(path) == os.path.realpath(other)
 
 
 def show_findings(found: Iterable[Finding]) -> None:
-    """Print a line for each on standard error."""
+    """Print one line per finding on standard error."""
     for one in found:
         say(f"{one.severity}: {one.sentence}")
 
 
 def refuse_warnings(found: Iterable[Finding]) -> None:
-    """End with the exit code of what is not to be trusted, and with the first warning, if any.
+    """Exit with the code for an untrusted match and the first warning, if there is a warning.
 
     Raises
     ------
     CommandError
-        If there is one.
+        If there is a warning.
     """
     for one in found:
         if one.severity == "warning":
@@ -142,12 +142,12 @@ def refuse_warnings(found: Iterable[Finding]) -> None:
 
 
 def refuse_untrusted(found: Iterable[Finding]) -> None:
-    """End with the exit code of what is not to be trusted, if anything says so.
+    """Exit with the code for an untrusted match, if a finding distrusts it.
 
     Raises
     ------
     CommandError
-        If so.
+        If one does.
     """
     grave = untrusted(found)
     if grave:

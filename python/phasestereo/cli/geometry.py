@@ -1,6 +1,6 @@
 """The geometry of the pair, which ``phasestereo match`` needs for points and depths."""
 
-# No `from __future__ import annotations`: the command line is made of these annotations.
+# No `from __future__ import annotations`: cyclopts reads these annotations at run time.
 
 import math
 from collections.abc import Sequence
@@ -55,7 +55,7 @@ _SIZE = as_word(_size, "COLUMNS,ROWS as one word: 1920,1080")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GeometryOptions:
-    """The options that give the geometry, by which disparities become depths.
+    """The options that give the geometry, which turns disparities into depths.
 
     Parameters
     ----------
@@ -64,44 +64,44 @@ class GeometryOptions:
         or KITTI, camera_info of both cameras (--calib left.yaml --calib right.yaml) ... Or the
         matrix Q of OpenCV's stereoRectify: .npy, .npz, .txt, or .yml and .xml of FileStorage.
     focal
-        Focal length in pixels, of two equal cameras; needs ``--baseline``. Default: that of a
+        Focal length in pixels of two equal cameras; needs ``--baseline``. Default: that of a
         spatial photograph (HEIC).
     baseline
-        Distance of the cameras, in the unit that all depths are to have; see --unit.
+        Distance of the cameras; all depths have its unit. See --unit.
     doffs
         Difference of the principal points, right - left, in pixels. Default 0.
     cx
-        Column of the principal point. Default: that of the image's center.
+        Column of the principal point. Default: the center of the image.
     cy
-        Row of the principal point. Default: that of the image's center.
+        Row of the principal point. Default: the center of the image.
     unit
-        Unit of baseline and depths; nothing is converted. Default: m, or mm of Middlebury's
-        calib.txt; that of --baseline and OpenCV's files is not known, and
-        ``--depth FILE.png`` needs it.
+        Unit of baseline and depths; nothing is converted. Default: m, or mm for Middlebury's
+        calib.txt. For --baseline and OpenCV's files the unit is unknown, and ``--depth FILE.png``
+        needs it.
     depth_scale
         Units of ``--depth FILE.png`` in a meter: 1000 (mm, the default), 256 (KITTI) or 5000 (TUM).
     keep
-        Which pixels become points and depths: trusted (the default), checked (fewer and more
-        accurate ones), or all.
+        Pixels that become points and depths: trusted (the default), checked (fewer, more accurate),
+        or all.
     min_depth
-        Leave out everything nearer, in the unit of the baseline.
+        Leave out all nearer depths, in the unit of the baseline.
     max_depth
-        Leave out everything further away, in the unit of the baseline.
+        Leave out all farther depths, in the unit of the baseline.
     decimate
-        Write one point or depth for each block of N by N pixels: that with the median
-        disparity. Default 1.
+        Write one point or depth per block of N by N pixels: the one with the median disparity.
+        Default 1.
     register
-        Write the depths of ``--depth`` in the frame of a third camera, as of a color camera: a
-        calibration of the left and the third camera, in a form that ``--rectify`` takes, in the
-        unit of the baseline. A .npz has confidence, holes and occluded, too.
+        Write the depths of ``--depth`` in the frame of a third camera, such as a color camera.
+        Takes a calibration of the left and the third camera, in a form that ``--rectify`` takes, in
+        the unit of the baseline. A .npz also has confidence, holes and occluded.
     register_size
         COLUMNS,ROWS of the third camera's images. Default: those of its calibration.
     yaw
-        Degrees that the angle between the cameras may be off by, which widens the error bars of
-        depths: 0 if the calibration is exact. Default 0.01.
+        Possible error of the angle between the cameras, in degrees; it widens the error bars of
+        depths. 0 if the calibration is exact. Default 0.01.
     anchor
-        X,Y,DEPTH: a pixel whose depth is known, in the unit of the baseline, inf for the sky. All
-        depths are corrected such that this one is right.
+        X,Y,DEPTH: a pixel of known depth, in the unit of the baseline; inf for the sky. All depths
+        are corrected to make this one right.
     """
 
     calib: Annotated[tuple[Path, ...], Parameter(show_default=False)] = ()
@@ -127,7 +127,7 @@ class GeometryOptions:
         Parameters
         ----------
         wanted
-            Whether anything that comes out depends on the geometry.
+            Whether any output depends on the geometry.
         """
         given = [
             field.name for field in fields(self) if getattr(self, field.name) not in (None, ())
@@ -171,14 +171,14 @@ class GeometryOptions:
         size
             Rows and columns.
         rectified
-            How the pair was rectified, whose geometry is taken where none is given.
+            How the pair was rectified; its geometry is the default.
         focal
-            Focal length in pixels that the images' file has.
+            Focal length in pixels from the images' file.
 
         Raises
         ------
         OSError, ValueError
-            If a file is invalid, or is of images of another size.
+            If a file is invalid, or its images have another size.
         """
         known = None if rectified is None else rectified.calibration
         calibration = self._calibration(size[0], size[1], self.focal or focal) or known
@@ -245,20 +245,20 @@ class GeometryOptions:
 
 @dataclass(frozen=True, slots=True)
 class Rig:
-    """The camera pair, and what is wanted of it.
+    """The camera pair, and the depths wanted of it.
 
     Parameters
     ----------
     calibration
         The geometry.
     selection
-        Which pixels become points and depths.
+        The pixels that become points and depths.
     yaw, anchor
-        How exact the geometry is, as `phasestereo.depth_interval` takes them.
+        The accuracy of the geometry, as `phasestereo.depth_interval` takes it.
     depth_scale
         Units of a ``.png`` of depths in a meter.
     camera
-        The camera in whose frame depths are wanted; None: that of the left one.
+        The camera in whose frame depths are wanted; None: the left one.
     """
 
     calibration: Calibration
@@ -269,16 +269,16 @@ class Rig:
     camera: ThirdCamera | None = None
 
     def check(self, disparities: tuple[int, int]) -> None:
-        """Refuse disparities, the smallest and how many, of which none has a depth that is wanted.
+        """Refuse a search range (smallest disparity, number) without a wanted depth.
 
         Raises
         ------
         ValueError
-            If not a single one has a depth.
+            If no disparity has a depth.
         CommandError
-            If not a single one has a depth that is wanted.
+            If no disparity has a wanted depth.
         """
-        # The nearest depth that is searched must be there, and wanted.
+        # The nearest depth that is searched must exist, and be wanted.
         largest = sum(disparities) - 1
         if math.isnan(self.calibration.depth(largest)):
             raise ValueError(
@@ -296,7 +296,7 @@ class Rig:
             )
 
     def farthest(self) -> int:
-        """Return the smallest disparity that has a depth which is wanted."""
+        """Return the smallest disparity with a wanted depth."""
         rig, limit = self.calibration, self.selection.max_depth
         shift = 0.0 if limit is None else rig.baseline * rig.focal / limit
         return math.floor(shift - rig.doffs) + 1
@@ -329,9 +329,9 @@ class Rig:
         )
 
     def depths(self, result: Result) -> dict[str, NDArray[Any]]:
-        """Return the depths of a result and, if it has error bars, their ends ``near``, ``far``.
+        """Return the depths of a result and their ends ``near``, ``far``, if it has error bars.
 
-        In the frame of a third camera there are those of `phasestereo.Registered.maps`.
+        In the frame of a third camera, return `phasestereo.Registered.maps`.
         """
         if self.camera is not None:
             options = asdict(replace(self.selection, decimate=1))
@@ -349,7 +349,7 @@ class Rig:
         return {name: values for name, values in maps.items() if values is not None}
 
     def of_size(self, shape: tuple[int, int]) -> "Rig":
-        """Return the same cameras with other, smaller images: a cut-out, not a resized one."""
+        """Return the same cameras with smaller images: cropped, not resized."""
         height, width = shape
         small = replace(self.calibration, width=width, height=height)
         return replace(

@@ -1,4 +1,4 @@
-"""Help on one screen: the usual options, each in a sentence; ``--help-expert`` shows all of it."""
+"""Help on one screen: the usual options in a sentence each; ``--help-expert`` shows everything."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Help(DefaultFormatter):
     left_out = 0
 
     def __call__(self, console: Console, options: ConsoleOptions, panel: HelpPanel) -> None:
-        """Print a panel, if anything of it is to be shown."""
+        """Print a panel, unless all of it is hidden."""
         if self.whole or panel.format == "command":
             super().__call__(console, options, panel)
             return

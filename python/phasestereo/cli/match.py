@@ -1,6 +1,6 @@
 """``phasestereo match``: two image files in, a disparity map out."""
 
-# No `from __future__ import annotations`: the command line is made of these annotations.
+# No `from __future__ import annotations`: cyclopts reads these annotations at run time.
 
 from dataclasses import fields
 from pathlib import Path
@@ -30,12 +30,12 @@ from phasestereo.matching import match as match_pair
 from phasestereo.rig.findings import unwarned
 from phasestereo.settings import PRESET, Settings, resolve
 
-_USUAL, _MOST_USUAL = 10, 200  # a disparity that is likely: of the width, and pixels at most
+_USUAL, _MOST_USUAL = 10, 200  # the most a disparity usually is: width / 10, and 200 pixels
 _VALUES = {"bands", "preset", "num_disparities", "min_disparity", "threads", "device", "noise"}
 _VALUES |= {"second", "timeout"}
 _OPTIONS = (_VALUES | OPTIONS).union(field.name for field in fields(Settings))
 
-# The order in which help shows them: what every match needs comes first.
+# The order in help: options that every match needs come first.
 _OUTPUT = Group.create_ordered("Output")
 _SEARCH = Group.create_ordered("Search")
 _PAIR = Group.create_ordered("Pair")
@@ -72,7 +72,7 @@ def match(
     """Match a rectified stereo pair.
 
     The left image is the reference: its pixel (x, y) corresponds to (x - d, y) in the right one.
-    Without an output the summary alone is printed. For example:
+    Without an output, only the summary is printed. For example:
 
     ```
     phasestereo match left.png right.png -o out.pfm
@@ -84,34 +84,34 @@ def match(
         Left image, or a stereo photograph that holds both views. PNG, JPEG, WebP, HEIF,
         PBM/PGM/PPM, BMP, TIFF, .npy or PFM; gray or color.
     right
-        Right image; it may be of another size and type.
+        Right image; may differ in size and type.
     num_disparities
-        Number of disparities to search, or auto, which finds them. 1 to the images' width; auto is
-        the ndisp of --calib, or else the range that is found in the images.
+        Number of disparities to search, from 1 to the images' width, or auto: the ndisp of --calib,
+        or else a range found in the images.
     min_disparity
         Smallest disparity to search.
     left_mask
-        Image of the left image's size, non-zero where its pixels are valid.
+        Image of the left image's size, non-zero at valid pixels.
     right_mask
-        The same of the right image.
+        The same for the right image.
     bands
         Number of the band of GeoTIFF images to match, or 3,2,1 for red, green and blue.
     threads
-        Number of threads; without it, one per processor.
+        Number of threads. Default: one per processor.
     device
-        What searches: cpu, gpu, auto (a GPU if there is one), or a part of the name of an adapter
-        that `doctor` lists. The map is the same.
+        Device that searches: cpu, gpu, auto (a GPU if there is one), or part of the name of an
+        adapter that `doctor` lists. The map is the same.
     noise
         Standard deviation of the images' noise, in units of their pixels; needed with
         --noise-threshold.
     second
-        A second matcher: sgbm, bm, or onnx:net.onnx, a network. It is given the pair as `prepare`
-        makes it, and its map is taken where it is more likely right. If it fails, the match stays
+        A second matcher: sgbm, bm, or onnx:net.onnx, a network. It matches the pair as `prepare`
+        makes it; its disparity is used where it is more likely right. If it fails, the match stays
         as it is, with a warning.
     timeout
-        Seconds that the second matcher may take.
+        Time limit of the second matcher, in seconds.
     strict
-        Exit with 3 if the match is not to be trusted. Files are written all the same.
+        Exit with 3 if the match is not to be trusted. Files are still written.
     """
     scoring.check()
     geometry.check(wanted=outputs.use_geometry())
@@ -128,7 +128,8 @@ def match(
         images = views[0].image, views[1].image
         truth = scoring.read(images[0].shape[:2])
 
-        # Whether it is so is not known before the match, and the page shows cameras side by side.
+        # Only the match shows whether it is vertical, and the page shows cameras next to each
+        # other.
         vertical = False if outputs.report and not pairing.vertical else pairing.vertical
         if rectified is not None:
             vertical = rectified.vertical if pairing.vertical is None else pairing.vertical
@@ -138,7 +139,8 @@ def match(
 
         num_disparities = num_disparities or (None if rig is None else rig.calibration.ndisp)
         if num_disparities is None:
-            # As long as they are to be found, files are tried with one that has a depth.
+            # While the range is still to be found, files are tried with a disparity that has a
+            # depth.
             usual = min(images[0].shape[1] // _USUAL, _MOST_USUAL)
             disparities = min_disparity if rig is None else max(rig.farthest(), usual), 1
         else:

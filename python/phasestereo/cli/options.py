@@ -1,6 +1,6 @@
-"""The fields of `Settings` as options, with what the core says of them.
+"""The fields of `Settings` as options, with the core's descriptions.
 
-But for the defaults: the class has those of one preset, and ``--preset`` may name another.
+Defaults are left out: the class has those of one preset, and ``--preset`` may name another.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from phasestereo.settings import PRESETS, Settings
 
 
 def as_word(read: Callable[[str], Any], accepted: str) -> Parameter:
-    """Return a parameter whose value is one word of the command line.
+    """Return a parameter that reads one word of the command line.
 
     Parameters
     ----------
     read
-        From the word to the value; a ValueError refuses it.
+        Turns the word into the value; a ValueError refuses it.
     accepted
-        The words that are read, for the message about others.
+        The accepted words, for the error message.
     """
 
     def convert(_hint: Any, tokens: Sequence[Token]) -> Any:
@@ -50,7 +50,7 @@ Bands = Annotated[
     tuple[int, ...],
     as_word(lambda word: tuple(map(int, word.split(","))), "whole numbers as one word: 3,2,1"),
 ]
-"""Whole numbers within one word of the command line."""
+"""Whole numbers in one word of the command line."""
 
 PRESET_HELP = f"Settings to start from: {', '.join(PRESETS)}."
 SETTINGS_HELP = "Each takes the place of the preset's."
@@ -80,7 +80,7 @@ if TYPE_CHECKING:
     Overrides = dict[str, Any]
     """The fields that were given, by name."""
 else:
-    # One key a field, none of them required: those that were given are the overrides.
+    # One optional key per field: the given keys are the overrides.
     _TYPES = get_type_hints(Settings)
     Overrides = TypedDict(
         "Overrides",

@@ -1,6 +1,6 @@
-"""What a match came to, and the files of it that ``phasestereo match`` writes, checked before."""
+"""The result of ``phasestereo match`` and its output files, which are checked before the match."""
 
-# No `from __future__ import annotations`: the command line is made of these annotations.
+# No `from __future__ import annotations`: cyclopts reads these annotations at run time.
 
 import os
 import secrets
@@ -43,15 +43,15 @@ class Outcome:
     result
         The result.
     disparities
-        The smallest disparity searched, and how many were.
+        The smallest disparity searched, and the number of disparities.
     truth, score
-        The disparities known to be right, if any, and the metrics against them.
+        The true disparities, if any, and the metrics against them.
     rig
         The geometry of the pair, if it is known.
     place
-        Where on Earth the left image lies, if its file says so.
+        Where on Earth the left image lies, if its file has that.
     names
-        The names of the images' files.
+        The names of the image files.
     rectified
         How the pair was rectified, if it was.
     """
@@ -68,10 +68,10 @@ class Outcome:
 
 
 def rehearsal(disparities: tuple[int, int], settings: Settings, rig: Rig | None = None) -> Outcome:
-    """Return the smallest outcome there is that has the smallest and the largest disparity."""
+    """Return the smallest outcome that has both the smallest and the largest disparity."""
     low, count = disparities
     high = low + count - 1
-    extremes = np.array([[low, low, high, high]] * 2, dtype=np.float32)  # a surface each
+    extremes = np.array([[low, low, high, high]] * 2, dtype=np.float32)  # each is a surface
     black = np.zeros(extremes.shape, dtype=np.uint8)
     flags = np.zeros(extremes.shape, dtype=np.uint16)
     ones = np.ones_like(extremes) if settings.confidence else None
@@ -89,41 +89,41 @@ _PICTURES = frozenset([".jpg", ".jpeg", ".webp", ".bmp"])
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outputs:
-    """What to do with the disparities.
+    """The files to write the disparities to.
 
     Parameters
     ----------
     output
         File for the disparities in pixels: .pfm, .npy, .tif, .png, .npz. A .tif keeps the
-        georeference of the left image, a .png is as KITTI has it (16 bits, 256 d), a .npz holds all
-        maps by name: disparity, flags, confidence, uncertainty.
+        georeference of the left image, a .png uses KITTI's format (16 bits, 256 d), a .npz holds
+        all maps by name: disparity, flags, confidence, uncertainty.
     flags_output
         File for the flags, 16 bits: .tif, .npy, .png.
     confidence_output
         File for the confidences, 0 to 1: .tif, .npy, .pfm.
     uncertainty_output
-        File for the error bars in pixels, half the width of what holds the true disparity with a
-        probability of 90 %: .tif, .npy, .pfm.
+        File for the error bars in pixels: half the width of the interval that holds the true
+        disparity with a probability of 90 %. .tif, .npy, .pfm.
     color
-        Image file for the disparities in color, beside a scale. Pixels that are not trusted are
-        hatched, and gray without an estimate. Needs the extra ``plot``.
+        Image file for the disparities in color, with a scale. Untrusted pixels are hatched; pixels
+        without an estimate are gray. Needs the extra ``plot``.
     ply
-        File for the points in space, with colors and error bars: .ply. Binary; X to the right, Y
-        down, Z forward, and the nearest and the farthest depth of the error bar, in the unit of the
-        baseline. Needs a geometry.
+        File for the points in space, with colors and error bars: .ply. Binary; X right, Y down, Z
+        forward, and the nearest and farthest depth of the error bar, in the unit of the baseline.
+        Needs a geometry.
     mesh
-        File for the surface, with the left image on it: .glb. It stands upright in viewers (glTF
+        File for the surface, textured with the left image: .glb. It stands upright in viewers (glTF
         2.0), and ends where disparities jump. Needs a geometry and the extra ``mesh``.
     depth
-        File for the depths: .png, .tif, .pfm, .npy, .npz, .bin. A .png has 16 bits, 0 being none,
-        in mm or by ``--depth-scale``; the others are in the unit of the baseline. A .npz holds
-        depth, near and far, the ends of the error bars; a .bin is COLMAP's. Needs a geometry.
+        File for the depths: .png, .tif, .pfm, .npy, .npz, .bin. A .png has 16 bits, 0 for no depth,
+        in mm or by ``--depth-scale``; the others use the unit of the baseline. A .npz holds depth,
+        near and far, the ends of the error bars; a .bin is COLMAP's. Needs a geometry.
     report
-        HTML file that shows the pair, its map and points in space. All layers have their values;
-        any browser shows it, without a network. Points are to scale with a geometry. Needs the
+        HTML file that shows the pair, its map and points in space. All layers show their values;
+        any browser opens it, without a network. Points are to scale with a geometry. Needs the
         extra ``report``.
     json
-        Print one JSON object on standard output. It has size, settings, timings, flags, metrics,
+        Print one JSON object on standard output, with size, settings, timings, flags, metrics,
         files.
     """
 
@@ -139,24 +139,24 @@ class Outputs:
     json: Annotated[bool, Parameter(negative=(), show_default=False)] = False
 
     def use_geometry(self) -> bool:
-        """Return whether anything that is to come out depends on the geometry of the pair."""
+        """Return whether any output depends on the geometry of the pair."""
         return bool(self.ply or self.mesh or self.depth or self.report)
 
     def check(self, sources: Iterable[Path | None], rehearsal: Outcome) -> None:
-        """Refuse what cannot or must not be written.
+        """Refuse files that cannot or must not be written.
 
         Parameters
         ----------
         sources
             The files that are read.
         rehearsal
-            A small outcome with the extremes of what may come out.
+            A small outcome with the extremes of the possible results.
 
         Raises
         ------
         CommandError
-            If a file is a source, given twice, a folder, in a folder that cannot be written to, or
-            in a format that does not hold all of the disparities.
+            If a file is a source, is given twice, is a folder, is in a folder that cannot be
+            written to, or is in a format that cannot hold all disparities.
         """
         files = self._files()
         claim([(name, path) for name, path, _ in files], sources)
@@ -164,7 +164,7 @@ class Outputs:
             _rehearse(name, path, write, rehearsal)
 
     def write(self, outcome: Outcome) -> dict[str, str]:
-        """Write what was asked for; return the paths by option."""
+        """Write the requested files; return their paths by option."""
         for _, path, write in self._files():
             write(path, outcome)
         if self.depth and self.depth.suffix.lower() == ".png":
@@ -233,7 +233,7 @@ def _write_depth(path: Path, outcome: Outcome) -> None:
 
 
 def _note_lost(outcome: Outcome) -> None:
-    """Say how many depths are too far for a .png, which has 0 there."""
+    """Report the number of depths too far for a .png, where they become 0."""
     rig = _rig(outcome)
     per_unit = meters_in(rig.calibration.unit or "m") * rig.depth_scale
     share = np.mean(rig.depths(outcome.result)["depth"] * per_unit >= FARTHEST)
@@ -274,8 +274,8 @@ def _rig(outcome: Outcome) -> Rig:
 
 
 def _rehearse(name: str, path: Path, write: Writer, rehearsal: Outcome) -> None:
-    """Write a draft beside the file and remove it: only trying shows all that can go wrong."""
-    target = Path(os.path.realpath(path))  # a symbolic link stays, the file it names is replaced
+    """Write a draft next to the file and remove it: only a trial shows every possible failure."""
+    target = Path(os.path.realpath(path))  # a symbolic link stays; its target is replaced
     if target.is_dir():
         raise CommandError(f"{option(name)}: {path} is a folder")
 

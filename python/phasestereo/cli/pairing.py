@@ -1,6 +1,6 @@
-"""How the two views of a pair are had: from two files or from one, rectified or as they are."""
+"""How to get the two views of a pair: from two files or one, rectified or not."""
 
-# No `from __future__ import annotations`: the command line is made of these annotations.
+# No `from __future__ import annotations`: cyclopts reads these annotations at run time.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -25,21 +25,21 @@ Masks = tuple[NDArray[Any] | None, NDArray[Any] | None]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pairing:
-    """The options that say where both views of a pair come from.
+    """The options for the source of both views.
 
     Parameters
     ----------
     layout
         Where one file, LEFT alone, has both views. With top-bottom the left view is above; with
-        half- each view was squeezed to half its size there; an anaglyph has the left view in red.
-        MPO files and spatial photographs (HEIC) have two pictures and need none.
+        half-, each view was squeezed to half its size; an anaglyph has the left view in red. MPO
+        files and spatial photographs (HEIC) have two pictures and need no layout.
     rectify
-        Rectify the pair first, by a calibration, or auto, by its images. A saved rectification is a
-        calibration, too; files of both cameras are given as --rectify left.yaml --rectify
+        Rectify the pair first, by a calibration, or auto: from its images. A saved rectification
+        counts as a calibration. Give files of both cameras as --rectify left.yaml --rectify
         right.yaml. Needs the extra ``rectify``.
     vertical
         The right camera is below the left one. LEFT is the upper image, and disparities are along
-        columns. A calibration says so by itself, and so do images that show it clearly, unless
+        columns. Detected from a calibration, or from images that show it clearly, unless
         --no-vertical.
     """
 
@@ -50,14 +50,14 @@ class Pairing:
     def straight(
         self, views: Views, masks: Masks = (None, None)
     ) -> "tuple[Views, Rectification | None]":
-        """Return the views with what masks leave of them, rectified if that was asked for.
+        """Return the views with their masks, rectified if requested.
 
         Raises
         ------
         OSError, TypeError, ValueError, ImportError
             As `phasestereo.rectify`.
         """
-        # A mask that is given and what a GeoTIFF file leaves out both count.
+        # A mask of the user and the mask of a GeoTIFF file both count.
         left_mask, right_mask = (
             join_masks(mask, view.mask) for mask, view in zip(masks, views, strict=True)
         )
@@ -83,12 +83,12 @@ class Pairing:
 
 
 def as_calibration(names: Sequence[str]) -> Sequence[str] | None:
-    """Return the calibration that words of the command line mean; None: from the images alone.
+    """Return the calibration that command-line words mean; None: rectify from the images alone.
 
     Raises
     ------
     CommandError
-        If they mean none, or a picture.
+        If they name no calibration, or a picture.
     """
     if list(names) == [AUTO]:
         return None

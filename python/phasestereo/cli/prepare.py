@@ -1,6 +1,6 @@
 """``phasestereo prepare`` and ``restore``: a pair for another matcher, and its map back."""
 
-# No `from __future__ import annotations`: the command line is made of these annotations.
+# No `from __future__ import annotations`: cyclopts reads these annotations at run time.
 
 from dataclasses import asdict
 from pathlib import Path
@@ -34,8 +34,8 @@ def prepare(
 ) -> None:
     """Prepare a pair for another matcher: rectified, rows aligned, equally sharp and bright.
 
-    Prints what was done, one line each, and how many disparities the pair has, from 0 on. An image
-    to which nothing has to be done is written as it came. For example:
+    Prints one line per change, and the number of disparities of the pair, from 0 on. An unchanged
+    image is written as it came. For example:
 
     ```
     phasestereo prepare left.png right.png -o l.png r.png --back back.json
@@ -48,20 +48,20 @@ def prepare(
     left
         Left image: PNG, JPEG, WebP, HEIF, PBM/PGM/PPM, BMP, TIFF, .npy or PFM; gray or color.
     right
-        Right image; it may be of another size and type.
+        Right image; may differ in size and type.
     output
         Files for the prepared images, left and right: .png, .tif, .npy or .pfm.
     back
-        File for what `restore` needs (text).
+        File for the data that `restore` needs (text).
     max_disparity
-        The largest disparity, in pixels, that the other matcher can answer: images are cropped, and
-        reduced, to fit it.
+        The largest disparity, in pixels, that the other matcher can return: images are cropped and
+        reduced to fit.
     num_disparities
-        Number of disparities to search. Default: what is found.
+        Number of disparities to search. Default: found in the images.
     min_disparity
         Smallest disparity to search, with --num-disparities.
     threads
-        Number of threads; without it, one for each processor.
+        Number of threads. Default: one per processor.
     as_json
         Print one JSON object on standard output: done, num_disparities, findings, files.
     """
@@ -108,7 +108,7 @@ def restore(
     output: Annotated[Path, Parameter(alias="-o")],
     unit: Unit | None = None,
 ) -> None:
-    """Bring a map of a prepared pair back into the left image as it came.
+    """Bring a map of a prepared pair back to the original left image.
 
     For example:
 
@@ -119,16 +119,16 @@ def restore(
     Parameters
     ----------
     disparity
-        The map of the prepared left image, in pixels: .pfm, .npy or .tif, or .png as KITTI has it
-        (16 bits, 256 d). What is not finite is missing. It may be of a smaller or larger size, in
-        pixels of its own.
+        The map of the prepared left image, in pixels: .pfm, .npy or .tif, or .png in KITTI's format
+        (16 bits, 256 d). Non-finite values are missing. The map may be smaller or larger than the
+        image, in its own pixels.
     back
-        What `prepare` has written.
+        The file that `prepare` wrote.
     output
-        The map to write: .pfm, .npy, .tif, or .png as KITTI has it.
+        The map to write: .pfm, .npy, .tif, or .png in KITTI's format.
     unit
-        What 1 stands for: pixels, or sixteenths of a pixel as OpenCV's matchers return them, of
-        which negative ones are missing.
+        Unit of the values: pixels, or sixteenths of a pixel, as OpenCV's matchers return them, with
+        negative values missing.
     """
     claim([("output", output)], [disparity, back])
     with refusals():

@@ -1,6 +1,6 @@
-"""``phasestereo rectify``: two raw image files in, two whose rows correspond out."""
+"""``phasestereo rectify``: two raw image files in, two files with corresponding rows out."""
 
-# No `from __future__ import annotations`: the command line is made of these annotations.
+# No `from __future__ import annotations`: cyclopts reads these annotations at run time.
 
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -35,10 +35,10 @@ def rectify(
     interpolation: Literal["linear", "cubic", "lanczos"] | None = None,
     as_json: Annotated[bool, Parameter(name="--json", negative=(), show_default=False)] = False,
 ) -> None:
-    """Rectify a stereo pair: what both images show comes to lie on the same row of both.
+    """Rectify a stereo pair, so that a scene point lies on the same row of both images.
 
-    By a calibration, or without one from the images alone. At least one of ``--output``,
-    ``--save`` and ``--json`` says what to do. Needs the extra ``rectify``. For example:
+    Uses a calibration, or the images alone. Needs at least one of ``--output``, ``--save`` and
+    ``--json``, and the extra ``rectify``. For example:
 
     ```
     phasestereo rectify left.png right.png --calibration stereo.yml -o l.png r.png
@@ -49,30 +49,30 @@ def rectify(
     Parameters
     ----------
     left
-        Left image: PNG, JPEG, WebP, HEIF, PBM/PGM/PPM, BMP, TIFF, .npy or PFM; gray or color. Or,
-        without RIGHT, a stereo photograph that holds both views.
+        Left image: PNG, JPEG, WebP, HEIF, PBM/PGM/PPM, BMP, TIFF, .npy or PFM; gray or color.
+        Without RIGHT, a stereo photograph that holds both views.
     right
         Right image, of the same size and type.
     output
         Files for the rectified images, left and right.
     calibration
         OpenCV's .yml, .xml or .npz; a folder of .npy; a pair of ROS's camera_info or of EuRoC's
-        sensor.yaml (left, right); Kalibr's camchain; a saved rectification. Without it, from the
+        sensor.yaml (left, right); Kalibr's camchain; a saved rectification. Default: from the
         images alone.
     images_from
-        More pairs of the same cameras, left and right in turn, for a better estimate without a
+        More pairs of the same cameras, left and right in turn, to improve the estimate without a
         calibration.
     layout
         Where one file has both views: side-by-side, or top-bottom with the left view above.
     masks
-        Files for masks, left and right: 0 where a pixel lies outside the image that was given.
+        Files for masks, left and right: 0 at pixels outside the original image.
     save
-        File (.npz) for the rectification, to use again: match --rectify FILE.
+        File (.npz) for the rectification, for later use: match --rectify FILE.
     alpha
-        What of the images to keep with a calibration, as OpenCV has it: 0, only what is valid
+        How much of the images to keep with a calibration, as in OpenCV: from 0, only pixels valid
         everywhere, to 1, all pixels; -1, OpenCV's default.
     interpolation
-        How images are read between their pixels. Default: linear with a calibration, else lanczos.
+        How to interpolate between pixels. Default: linear with a calibration, else lanczos.
     as_json
         Print one JSON object on standard output: method, error in rows, sentences, Q, files.
     """

@@ -1,6 +1,6 @@
 """The ground truth that ``phasestereo match`` scores against."""
 
-# No `from __future__ import annotations`: the command line is made of these annotations.
+# No `from __future__ import annotations`: cyclopts reads these annotations at run time.
 
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -26,15 +26,14 @@ class Scoring:
     Parameters
     ----------
     truth
-        Disparities to score against: .pfm, .npy, .tif, KITTI's .png. Or any gray image, together
-        with ``--truth-scale``.
+        Disparities to score against: .pfm, .npy, .tif, KITTI's .png. Or any gray image, with
+        ``--truth-scale``.
     truth_scale
-        Gray levels per pixel of disparity, 0 being unknown: 4 for Middlebury's cones and teddy.
+        Gray levels per pixel of disparity; 0 is unknown. 4 for Middlebury's cones and teddy.
     truth_mask
-        Image of the pixels to score; without it, all whose truth is known.
+        Image of the pixels to score. Default: all with known truth.
     truth_mask_level
-        Gray level from which on a pixel of the mask counts: 255 for Middlebury's mask0nocc.png.
-        Default 1.
+        Lowest gray level of the mask that counts: 255 for Middlebury's mask0nocc.png. Default 1.
     """
 
     truth: Path | None = None
@@ -55,12 +54,12 @@ class Scoring:
         return [self.truth, self.truth_mask]
 
     def read(self, size: tuple[int, ...]) -> "Truth | None":
-        """Read the truth of images of this size, and what of it is to be scored.
+        """Read the truth of images of this size, and the mask of pixels to score.
 
         Raises
         ------
         OSError, ValueError
-            If a file is invalid, has another size, or nothing is left to score.
+            If a file is invalid or has another size, or no pixel is left to score.
         """
         if self.truth is None:
             return None
@@ -88,11 +87,11 @@ class Scoring:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Truth:
-    """Disparities known to be right, NaN where unknown, and the pixels to score (None: all)."""
+    """True disparities, NaN where unknown, and the pixels to score (None: all)."""
 
     disparity: Map
     mask: NDArray[np.bool_] | None
 
     def score(self, estimate: Map) -> Score:
-        """Return all numbers there are for an estimate."""
+        """Return all scores of an estimate."""
         return score(estimate, self.disparity, mask=self.mask)

@@ -1,4 +1,4 @@
-"""What ``phasestereo match`` says of a result: a few lines and a table, or one JSON object."""
+"""The report of ``phasestereo match``: a few lines and a table, or one JSON object."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _BASELINES = 0.001, 20.0  # meters, of cameras on one mount
 
 
 def show(outcome: Outcome, files: Mapping[str, str], *, as_json: bool) -> None:
-    """Print on standard output what has come out, and the files written, by option."""
+    """Print the results and the written files, by option, on standard output."""
     if as_json:
         print_json(_as_dict(outcome, files))
         return
@@ -35,7 +35,7 @@ def show(outcome: Outcome, files: Mapping[str, str], *, as_json: bool) -> None:
 
 
 def _as_dict(outcome: Outcome, files: Mapping[str, str]) -> dict[str, Any]:
-    """Return everything as JSON has it; numbers that JSON does not have are None."""
+    """Return everything as JSON can hold it; numbers that JSON does not have become None."""
     result, disparities = outcome.result, outcome.disparities
     rows, cols = result.disparity.shape
     counts = count_flags(result.flags)
@@ -77,9 +77,9 @@ def _as_dict(outcome: Outcome, files: Mapping[str, str]) -> dict[str, Any]:
 
 
 def _kept(result: Result, keep: Keep) -> dict[str, Any]:
-    """Return the kind of pixels that become depths, their share, and how many of them are wrong.
+    """Return the kind of pixels that become depths, their share, and their share of errors.
 
-    The latter is NaN where there are no confidences.
+    The last one is NaN without confidences.
     """
     pixels = result.kept(keep)
     sure = np.empty(0) if result.confidence is None else result.confidence[pixels]
@@ -112,7 +112,7 @@ def _lines(outcome: Outcome, files: Mapping[str, str]) -> list[str]:
 
 
 def _geometry(found: Ranging) -> list[str]:
-    """Say what depths follow from, and how exact they are."""
+    """Describe the source of the depths, and their accuracy."""
     known = found.calibration
     unit: str = known.unit or "a unit that is not known (--unit)"
     if known.unit and not _BASELINES[0] <= known.in_meters().baseline <= _BASELINES[1]:
@@ -124,7 +124,7 @@ def _geometry(found: Ranging) -> list[str]:
 
 
 def _kept_in_words(keep: str, share: float, wrong: float) -> str:
-    """Say which pixels became depths and points, and how many of them are probably wrong."""
+    """Describe the pixels that became depths and points, and how many are probably wrong."""
     said = "" if math.isnan(wrong) else f"; about {wrong:.1%} of these are probably wrong"
     others = "" if keep == "all" else ", --keep all for every estimate"
     return f"depths and points: {share:.1%} of the pixels ({keep}{others}){said}"

@@ -1,4 +1,4 @@
-"""What a run prints, and shows on a terminal while it lasts."""
+"""The output of a run, and its progress on a terminal."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 
 
 def printable(text: object) -> str:
-    """Return a text in which nothing but printable characters is left as it is.
+    """Return a text with only printable characters; others are escaped.
 
-    Names of files may hold what moves the cursor, hides lines or types into the terminal.
+    File names may hold characters that move the cursor, hide lines or type into the terminal.
     """
     return "".join(
         each if each.isprintable() else each.encode("unicode_escape").decode("ascii")
@@ -39,12 +39,12 @@ def say(line: str) -> None:
 
 @contextmanager
 def progress_bar(task: str) -> Iterator[Callable[[int, int], None] | None]:
-    """Show a bar on standard error while the block lasts, if that is a terminal.
+    """Show a bar on standard error during the block, if standard error is a terminal.
 
     Yields
     ------
     callable or None
-        To be called as ``progress(done, total)``; None where there is nobody to see it.
+        Call it as ``progress(done, total)``; None without a terminal.
     """
     if not sys.stderr.isatty():
         yield None

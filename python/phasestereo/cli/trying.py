@@ -1,6 +1,6 @@
-"""``phasestereo try``: a pair that is made here, one image out of focus, matched and shown."""
+"""``phasestereo try``: makes a pair with one image out of focus, matches and shows it."""
 
-# No `from __future__ import annotations`: the command line is made of these annotations.
+# No `from __future__ import annotations`: cyclopts reads these annotations at run time.
 
 import sys
 import webbrowser
@@ -27,12 +27,12 @@ _COLORS = (205, 214, 226), (168, 132, 96), (196, 92, 70), (98, 148, 110), (92, 1
 def try_it(
     *, output: Annotated[Path, Parameter(alias="-o")] = Path("try.html"), show: bool = True
 ) -> None:
-    """Match a pair that is made here, its left image out of focus, and open the page of it.
+    """Match a made-up pair, its left image out of focus, and open the page of the result.
 
     Parameters
     ----------
     output
-        The page: one file, which needs no network.
+        The page: one file that needs no network.
     show
         Open it in the web browser.
     """
@@ -65,7 +65,7 @@ def _pair() -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
         for y, shift in enumerate(shifts, top):
             texture = (128 + grain[y - top, first:, np.newaxis] // 2) * np.array(color) // 255
             left[y, first:end] = texture[: end - first]
-            # What is far right in the right image goes on with what the left one does not see.
+            # At the far right, the right image shows more than the left image sees.
             begin, wide = max(first - shift, 0), end if end == _COLS else end - shift
             right[y, begin:wide] = texture[begin + shift - first : wide + shift - first]
 
@@ -74,7 +74,7 @@ def _pair() -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
 
 
 def _means(image: NDArray[np.int64], size: int) -> NDArray[np.int64]:
-    """Return means of blocks of this size (rows, columns), in integers."""
+    """Return the means of blocks of this size (rows, columns), in integers."""
     padded = np.pad(image, size // 2, mode="edge")
     windows = np.lib.stride_tricks.sliding_window_view(padded, (size, size))
     rows, cols = image.shape

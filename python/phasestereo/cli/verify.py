@@ -1,6 +1,6 @@
-"""``phasestereo verify``: two image files and a disparity map in, what the images say of it out."""
+"""``phasestereo verify``: two images and a disparity map in, a verdict for each pixel out."""
 
-# No `from __future__ import annotations`: the command line is made of these annotations.
+# No `from __future__ import annotations`: cyclopts reads these annotations at run time.
 
 from collections.abc import Callable
 from dataclasses import asdict
@@ -35,11 +35,10 @@ def verify(
     as_json: Annotated[bool, Parameter(name="--json", negative=(), show_default=False)] = False,
     strict: Annotated[bool, Parameter(negative=())] = False,
 ) -> None:
-    """Judge a disparity map of any origin by the images that it is of.
+    """Judge a disparity map of any origin by its images.
 
-    Prints which shares of the map the images refute, support and cannot judge, and what is wrong
-    with the map or the pair as a whole. Lines begin with ``ok``, ``note`` or ``warning``. For
-    example:
+    Prints the shares of the map that the images refute, support and cannot judge, and faults of the
+    map or the pair as a whole. Lines begin with ``ok``, ``note`` or ``warning``. For example:
 
     ```
     phasestereo verify left.png right.png network.pfm --picture verdicts.png
@@ -50,24 +49,24 @@ def verify(
     left
         Left image: PNG, JPEG, WebP, HEIF, PBM/PGM/PPM, BMP, TIFF, .npy or PFM; gray or color.
     right
-        Right image; it may be of another size and type.
+        Right image; may differ in size and type.
     disparity
-        The map of the left image, in pixels: .pfm, .npy, .tif, or .png as KITTI has it (16 bits,
-        256 d). What is not finite claims nothing.
+        The map of the left image, in pixels: .pfm, .npy, .tif, or .png in KITTI's format (16 bits,
+        256 d). Non-finite values are not judged.
     picture
-        PNG file for the left image in gray, blue where the map is supported, orange where it is
+        PNG file for the left image in gray: blue where the map is supported, orange where it is
         refuted, darker where it cannot be judged.
     better
-        File for the disparities that fit better where the map is refuted: .pfm, .npy or .tif.
+        File for disparities that fit better where the map is refuted: .pfm, .npy or .tif.
     verdict
         PNG file for the verdicts, 8 bits: 0 no disparity, 1 cannot be judged, 2 supported, 3
         refuted.
     threads
-        Number of threads; without it, one per processor.
+        Number of threads. Default: one per processor.
     as_json
         Print one JSON object on standard output: shares, findings, files.
     strict
-        Exit with 3 if there is a warning; files are written all the same.
+        Exit with 3 if there is a warning; files are still written.
     """
     files = {"picture": picture, "better": better, "verdict": verdict}
     claim(files.items(), [left, right, disparity], _SUFFIXES)
