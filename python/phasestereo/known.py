@@ -1,4 +1,4 @@
-"""Facts of a pair that a caller gives before a match."""
+"""Facts of a pair that the caller knows before a match."""
 
 from __future__ import annotations
 
@@ -14,25 +14,25 @@ Noise: TypeAlias = float | tuple[float, float]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Known:
-    """What is known of a pair, and therefore not estimated. It can be pickled.
+    """Known facts of a pair, which are not estimated. It can be pickled.
 
     Parameters
     ----------
     noise
-        Standard deviation of the noise of both images, or a pair of them (left, right), in units
-        of their pixels, from 0; of gray values where they have color. It matters with
-        ``noise_threshold > 0``. None: it is estimated then.
+        Standard deviation of the noise of both images, or a pair (left, right), in units of their
+        pixels, from 0; for color images, of the gray values. It matters with ``noise_threshold >
+        0``. None: it is estimated then.
     blur_compensation
-        How the blur of the images is evened out before pixels are compared; it holds the noise,
-        too. For ``cost="phase"``. None: with ``compensate_blur=True`` what suits the blur that is
-        found, else not at all.
+        How to even out the blur of the images before pixels are compared; includes the noise. For
+        ``cost="phase"``. None: with ``compensate_blur=True``, a compensation for the blur that is
+        found; else none.
 
     Raises
     ------
     TypeError
         If a field has the wrong type.
     ValueError
-        If the noise is out of range, or given beside `blur_compensation`.
+        If the noise is out of range, or given together with `blur_compensation`.
 
     Examples
     --------
@@ -43,7 +43,7 @@ class Known:
     blur_compensation: BlurCompensation | None = None
 
     def __post_init__(self) -> None:
-        """Check every field; the core owns the range of the noise."""
+        """Check every field; the core defines the range of the noise."""
         kinds = (BlurCompensation, type(None))
         accepts = "BlurCompensation or None"
         check_type("known.blur_compensation", self.blur_compensation, kinds, accepts)
@@ -57,19 +57,19 @@ class Known:
             )
 
     def exchanged(self) -> Known:
-        """Return these facts for the pair with left and right exchanged, and mirrored.
+        """Return these facts for the exchanged and mirrored pair.
 
         Raises
         ------
         ValueError
-            If the blur compensation is known, whose kernels are of this pair.
+            If the blur compensation is known: its kernels fit this pair only.
         """
         as_known(self, unused=("blur_compensation",))
         return Known(noise=self.noise[::-1] if isinstance(self.noise, tuple) else self.noise)
 
     @property
     def compensation(self) -> BlurCompensation | None:
-        """The blur compensation, or one of the noise alone; None where neither is known."""
+        """The blur compensation, or one with the noise alone; None if neither is known."""
         if self.noise is None:
             return self.blur_compensation
         both = self.noise if isinstance(self.noise, tuple) else (self.noise, self.noise)
@@ -84,7 +84,7 @@ def as_known(known: Known | None, *, unused: tuple[str, ...] = ()) -> Known:
     TypeError
         If it has another type.
     ValueError
-        If a field is known that is of no use to the caller.
+        If a field is known that the caller does not use.
     """
     if known is None:
         return Known()

@@ -1,4 +1,4 @@
-"""Two images in, one disparity map out: once, or again and again."""
+"""Two images in, one disparity map out: once, or repeatedly."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 Search = tuple[int, int | None]
 
 Second: TypeAlias = ArrayLike | Callable[..., ArrayLike]
-"""A map of the left image, or what makes one: a function, or a name such as ``"onnx:net.onnx"``."""
+"""A map of the left image, or its source: a function, or a name such as ``"onnx:net.onnx"``."""
 
 
 def match(
@@ -57,75 +57,75 @@ def match(
     ----------
     left, right
         Images: (H, W) or (H, W, 1) gray, (H, W, 3) RGB or (H, W, 4) RGBA;
-        uint8, uint16, float32 or float64, of any strides and byte order. Or paths of such, which
-        are read as `phasestereo.io.read_image` does. They may differ in the number of channels, in
-        dtype and in size, by a factor of up to 8: the right image is resampled to the left one's
-        size, and disparities are in pixels of the left image.
+        uint8, uint16, float32 or float64, with any strides and byte order. Or paths of images,
+        which are read as `phasestereo.io.read_image` does. They may differ in number of channels,
+        dtype and size, by a factor of up to 8: the right image is resampled to the left one's size,
+        and disparities are in pixels of the left image.
     num_disparities
-        Number of disparities to search, 1 to the images' width and at most 16384. None: the range
+        Number of disparities to search, from 1 to the images' width, at most 16384. None: the range
         is found from small copies of the images, up to 45 % of the width either way, and
-        `min_disparity` must be 0; where nothing is found it is a third of the width.
-        ``result.search`` says which range, and why.
+        `min_disparity` must be 0; if nothing is found, it is a third of the width.
+        ``result.search`` reports the range and its origin.
     min_disparity
         Smallest disparity; those in [min_disparity, min_disparity + num_disparities) are searched.
     preset
         Name of the settings to start from, one of `PRESETS`. None: ``"robust"``, unless `settings`
-        says otherwise.
+        is given.
     settings
-        Settings to start from in place of a preset, which must not be given beside it.
+        Settings to start from instead of a preset; give only one of them.
     threads
-        Number of threads, 1 to 1024; None: what the environment variable ``RAYON_NUM_THREADS``
-        says, or else all processors, shared by all matches of this process that
-        run at the same time. The result does not depend on it.
+        Number of threads, 1 to 1024; None: the environment variable ``RAYON_NUM_THREADS``, or else
+        all processors, shared by all concurrent matches of this process. The result does not depend
+        on it.
     device
-        What searches for the best candidates: ``"cpu"``, the processor; ``"gpu"``, the first GPU
-        that Vulkan or Metal offers; ``"auto"``, the same, or the processor without one; or an
-        adapter by a part of its name, as a software driver has to be. All but ``"cpu"`` open a
-        device, which a `Matcher` does once. The result is the same to the bit: what a device does
-        not take, as masks, and everything once it has failed, which ``result.findings`` reports,
-        the processor searches.
+        The device that searches for the best candidates: ``"cpu"``, the processor; ``"gpu"``, the
+        first GPU that Vulkan or Metal offers; ``"auto"``, the same, or the processor without one;
+        or an adapter by part of its name, the only way to select a software driver. All but
+        ``"cpu"`` open a device on every call; a `Matcher` opens it once. The result is the same to
+        the bit: the processor searches what the device does not support, such as masks, and
+        everything after the device has failed, which ``result.findings`` reports.
     left_mask, right_mask
-        bool (H, W) of the image's own size, True = valid. A masked pixel neither supports others
-        nor is estimated, and what it holds has no effect. None: all are valid. Masked in any case
-        are: NaN in an image of floats, an alpha of 0, what a masked array of NumPy masks, the "no
-        data" of a GeoTIFF file, black borders, and overlays such as clocks and logos, on which
-        findings report.
+        bool (H, W) of the image's own size, True = valid. A masked pixel gets no estimate and has
+        no effect on others. None: all are valid. These are always masked: NaN in float images,
+        pixels with alpha 0, the masked pixels of a NumPy masked array, the "no data" of a GeoTIFF
+        file, black borders, and overlays such as clocks and logos; findings report these.
     progress
-        Called as ``progress(rows_done, rows)`` every now and then from the calling thread; what it
-        raises ends the match.
+        Called as ``progress(rows_done, rows)`` from time to time in the calling thread; an
+        exception that it raises ends the match.
     known
-        What is known of the pair beforehand. None: all is estimated, as far as the settings ask for
-        it.
+        Known facts of the pair. None: all are estimated, as far as the settings ask for it.
     vertical
         Whether the right camera is below the left one: pixel (x, y) of `left`, the upper image,
-        then corresponds to (x, y - d) of `right`. Both are turned by 90 degrees for the match and
-        the maps turned back; all else that the result has, as `Result.alignment`, is of the turned
-        images. None: it is, where the images show it clearly, which ``result.findings`` says:
-        things move along columns by their distance, and columns match at least as well as rows.
+        then corresponds to (x, y - d) of `right`. Both are turned by 90 degrees for the match, and
+        the maps are turned back; everything else in the result, such as `Result.alignment`, refers
+        to the turned images. None: True if the images clearly show it, which ``result.findings``
+        reports: things move along columns by their distance, and columns match at least as well as
+        rows.
     right_map
-        Whether the right image is matched, too: ``result.right`` is its map, as seen from it. It
-        is that of the exchanged, mirrored pair, mirrored back, and takes the time of a match.
+        Whether to match the right image, too: ``result.right`` is its map, as seen from it. It
+        comes from a match of the exchanged, mirrored pair, mirrored back, and takes as long as
+        another match.
     second
-        What makes a second map, or the map: the result is that of both. A function
-        ``(left, right) -> disparity``, or what else `phasestereo.matchers.load_matcher` takes, as
-        ``"onnx:net.onnx"``: it is called with the pair as `prepare` makes it, by what this match
-        has found out. Or a map of the left image, (H, W) integers or floats, pixels, NaN where it
-        has none. Where both agree within 1 px the result is the mean; elsewhere the one that is
-        more likely right, with the flag `Flag.SECOND` if that is the second one. A matcher that
-        raises an error, or whose answer is not a map, leaves the match as it is, which
-        ``result.findings`` reports. There are confidences whatever the settings say. It takes part
-        in the left map alone. See the page "Use your network".
+        A second map, or its source: the result combines both. A function ``(left, right) ->
+        disparity``, or anything else that `phasestereo.matchers.load_matcher` takes, such as
+        ``"onnx:net.onnx"``: it is called with the pair as `prepare` makes it, from this match's own
+        estimates. Or a map of the left image, (H, W) integers or floats, pixels, NaN where missing.
+        Where both agree within 1 px, the result is their mean; elsewhere the one that is more
+        likely right, with the flag `Flag.SECOND` if that is the second one. If the matcher raises
+        an error, or does not return a map, the match stays as it is, and ``result.findings``
+        reports it. There are confidences regardless of the settings. Only the left map uses it. See
+        the page "Use your network".
     timeout
-        Seconds that the second matcher may take; None: any time. One that takes longer has failed;
-        its thread runs on, and its answer is dropped.
+        Time limit of the second matcher, in seconds; None: no limit. After it, the matcher counts
+        as failed; its thread runs on, and its answer is dropped.
     **overrides
         Fields of `Settings` by name, which take precedence over ``preset`` and ``settings``.
 
     Returns
     -------
     Result
-        Disparities, flags and, if the settings ask for them, confidences, each (H, W). It refers
-        to the images, too, and so keeps them in memory.
+        Disparities, flags and, if the settings ask for them, confidences, each (H, W). It also
+        refers to the images, and so keeps them in memory.
 
     Raises
     ------
@@ -136,30 +136,29 @@ def match(
     OSError, ImportError
         If a file cannot be read, or phasestereo-gpu is needed and not installed.
     MemoryError
-        If the working memory cannot be had.
+        If the working memory cannot be allocated.
     KeyboardInterrupt
         Soon after Ctrl-C.
 
     Warns
     -----
-    MatchWarning
-        If the match as a whole is not to be trusted: much of it is probably wrong, the images seem
-        to be swapped, or to have nothing in common, or the range is too short.
-        ``result.findings`` says so, too, and what is worth knowing besides.
+    If the match as a whole is not to be trusted: much of it is probably wrong, the images seem
+    swapped or seem to show different scenes, or the range is too short. ``result.findings`` reports
+    this, too, and other useful facts.
 
     Notes
     -----
     The method is that of Pedone & Heikkilä, *Blur and Contrast Invariant Fast Stereo Matching*,
     ACIVS 2008.
 
-    Working memory of each thread does not grow with the height of the images: by default it is
-    about 19 000 bytes for each disparity searched and 900 for each column, 7 MB for 256 disparities
-    and 1920 columns; with ``optimizer="dp"`` up to ``100 * W * num_disparities`` bytes. For the
-    whole pair there are copies of the images, codes (a byte for each eight bits and pixel, of the
-    right image once for each version), gray values and the result: 6 bytes a pixel, 10 with
-    confidences; with ``scales``, where pixels are in doubt, about 11 more. Pairs that do not fit
-    into memory: `phasestereo_large.outofcore`, `match_rows`. The threads and at most 64 MB of the
-    working memory stay for the next call, until `release_memory`.
+    The working memory of each thread does not grow with the height of the images: by default about
+    19 000 bytes per disparity searched and 900 per column, 7 MB for 256 disparities and 1920
+    columns; with ``optimizer="dp"`` up to ``100 * W * num_disparities`` bytes. The whole pair needs
+    copies of the images, codes (a byte per eight bits and pixel, for the right image once per
+    version), gray values and the result: 6 bytes per pixel, 10 with confidences; with ``scales``,
+    about 11 more where pixels are in doubt. For pairs that do not fit into memory, see
+    `phasestereo_large.outofcore`, `match_rows`. The threads and at most 64 MB of the working memory
+    stay for the next call, until `release_memory`.
 
     Examples
     --------
@@ -188,10 +187,9 @@ def match(
 
 
 def release_memory() -> None:
-    """Give back the threads and the working memory, at most 64 MB, that `match` keeps for later.
+    """Free the threads and the working memory, at most 64 MB, that `match` keeps for later calls.
 
-    Calls that run keep theirs. A fork does the same, in both processes; what a `Matcher` keeps is
-    its own.
+    Running calls keep theirs. A fork does the same, in both processes; a `Matcher` is not affected.
 
     Examples
     --------
@@ -202,17 +200,17 @@ def release_memory() -> None:
 
 
 if hasattr(os, "register_at_fork"):
-    # Threads do not survive a fork, and a process with threads is warned of it.
+    # Threads do not survive a fork, and Python warns when a process with threads forks.
     os.register_at_fork(before=_core.release_memory)
 
 
 class Matcher:
-    """Matches one pair after another, as of a video, and reuses its threads and its memory.
+    """Matches one pair after another, such as video frames, reusing its threads and memory.
 
-    It gives what `match` gives. Several threads may use one at the same time; they share its
-    threads, whereas several of it have threads of their own each. It can be pickled, and a process
-    may fork: the copy has threads and memory of its own. What it keeps are the threads and as much
-    working memory as its largest match took, as long as it exists.
+    It returns the same results as `match`. Several threads may use one matcher at the same time;
+    they share its threads, while each matcher has threads of its own. It can be pickled, and a
+    process may fork: the copy has its own threads and memory. It keeps its threads, and the working
+    memory of its largest match, as long as it exists.
 
     Parameters
     ----------
@@ -229,7 +227,7 @@ class Matcher:
     Warns
     -----
     MatchWarning
-        As `match` does, of each match.
+        As `match` does, for each match.
 
     Examples
     --------
@@ -265,7 +263,7 @@ class Matcher:
 
     @property
     def device(self) -> str:
-        """What searches: "cpu", or the name of the adapter that was opened."""
+        """The device that searches: "cpu", or the name of the opened adapter."""
         return self._device
 
     def match(
@@ -284,19 +282,19 @@ class Matcher:
         second: Second | None = None,
         timeout: float | None = None,
     ) -> Result:
-        """Match a rectified stereo pair: parameters, result and errors are those of `match`.
+        """Match a rectified stereo pair; parameters, result and errors are those of `match`.
 
         Parameters
         ----------
         temporal_filter
-            What steadies the disparities of a video, of which this is the next frame;
-            ``result.temporal_support`` says where it did. None: nothing does.
+            Steadies the disparities of a video whose next frame this is;
+            ``result.temporal_support`` shows where it did. None: no filter.
 
         Raises
         ------
-        TypeError
+        Also for a filter of the wrong type.
             Also for a filter of another type.
-        ValueError
+        Also for a filter that another match is using right now.
             Also for a filter that another match is using at this moment.
         """
         result = match_silently(
@@ -317,7 +315,7 @@ class Matcher:
         return result
 
     def __reduce__(self) -> tuple[partial[Matcher], tuple[()]]:
-        """Return the constructor and arguments of a copy: threads are not copied."""
+        """Return the constructor and arguments of a copy; threads are not copied."""
         threads, device = self._asked
         return partial(type(self), settings=self._settings, threads=threads, device=device), ()
 
@@ -342,7 +340,7 @@ def match_silently(
     second: Second | None = None,
     timeout: float | None = None,
 ) -> Result:
-    """Match as `match` and `Matcher.match` do, without a warning; with a rig, its next frame."""
+    """Match as `match` and `Matcher.match` do, without a warning; with a rig, as its next frame."""
     check_callable("progress", progress)
 
     arrays, pair, valid = opened_valid(images, masks)
@@ -355,7 +353,7 @@ def match_silently(
         settings = replace(settings, confidence=True)
 
     def matched(*, vertical: bool | None, backward: bool) -> Result:
-        # Exchanged and mirrored along the disparities, the right image is matched as a left one.
+        # Exchanged and mirrored along the disparities, the right image matches like a left one.
         axis = int(not vertical)
         mirror: Callable[[NDArray[Any]], NDArray[Any]] = partial(np.flip, axis=axis)
         change = mirror if backward else np.asarray
@@ -397,14 +395,14 @@ def _other(
 
 
 def _part_of(progress: Progress | None, *, is_second: bool) -> Progress | None:
-    """Return a progress callback for one of two matches, in rows of both."""
+    """Return a progress callback for one of two matches; it counts the rows of both."""
     if progress is None:
         return None
     return lambda done, rows: progress(done + is_second * rows, 2 * rows)
 
 
 def _with_maps(result: Result, change: Callable[[NDArray[Any]], NDArray[Any]]) -> Result:
-    """Return a result whose maps are changed in the same way."""
+    """Return a result with every map changed in the same way."""
     support = {"temporal_support": result.temporal_support}
     maps: dict[str, Any] = {
         name: None if values is None else np.ascontiguousarray(change(values))

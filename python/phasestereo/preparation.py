@@ -1,4 +1,4 @@
-"""A pair that any matcher can use, and the maps of others back in the left image as it came."""
+"""A pair that any matcher can use, and the way back for that matcher's maps."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from phasestereo.settings import PRESETS, PresetName, Settings, SettingsOverride
 from phasestereo.verification import Verification, judge
 
 Unit: TypeAlias = Literal["pixels", "sixteenths"]
-"""What 1 stands for in a map: a pixel, or what OpenCV's matchers return, 1/16 of one."""
+"""The unit of 1 in a map: a pixel, or 1/16 of one, as in OpenCV's matchers."""
 
 _MOST_TEXT = 2**23  # bytes: the runs of a mask with a million edges
 _UNITS = {"pixels": 1.0, "sixteenths": 1 / 16}
 
 
 class Restoration:
-    """How maps of a prepared pair become maps of the left image as it came.
+    """Turns maps of a prepared pair into maps of the original left image.
 
     `prepare` makes it, `save` writes it, `load` reads it. It can be pickled.
 
@@ -45,7 +45,7 @@ class Restoration:
 
     @property
     def size(self) -> tuple[int, int]:
-        """Rows and columns of the left image as it came."""
+        """Rows and columns of the original left image."""
         return self._core.size
 
     @property
@@ -54,32 +54,31 @@ class Restoration:
         return self._core.prepared_size
 
     def restore(self, disparity: ArrayLike, *, unit: Unit | None = None) -> Map:
-        """Return a map of the prepared pair as one of the left image as it came.
+        """Return a map of the prepared pair as one of the original left image.
 
         Parameters
         ----------
         disparity
-            The map of the prepared left image: a left pixel at column x shows what the right one
-            shows at column ``x - disparity``. Integers or floats; what is not finite is missing.
-            A map of a smaller or larger size, as some networks return, has disparities in pixels of
-            its own.
+            The map of the prepared left image: left column x corresponds to right column ``x -
+            disparity``. Integers or floats; non-finite values are missing. A map of a smaller or
+            larger size, as some networks return, has disparities in its own pixels.
         unit
-            "pixels"; or "sixteenths" of a pixel, in which negative values are missing, as OpenCV's
-            matchers return them. None: pixels; int16 is refused, since it is either.
+            "pixels"; or "sixteenths" of a pixel with negative values missing, as in OpenCV's
+            matchers. None: pixels; int16 is refused, since it can be either.
 
         Returns
         -------
         ndarray
-            float32 (H, W) of the left image as it came, pixels: left pixel (x, y) corresponds to
-            column ``x - disparity`` of the right image as it came, as in `Result.disparity`. NaN
-            where the map has none, or where the pixel is masked or not in the prepared image.
+            float32 (H, W) of the original left image, pixels: left pixel (x, y) corresponds to
+            column ``x - disparity`` of the original right image, as in `Result.disparity`. NaN
+            where the map has none, or where the pixel is masked or outside the prepared image.
 
         Raises
         ------
         TypeError
             If it is not an array of real numbers.
         ValueError
-            If it has another shape, or is int16 and no unit is given.
+            If its shape is wrong, or it is int16 and no unit is given.
 
         Examples
         --------
@@ -100,14 +99,14 @@ class Restoration:
 
     @classmethod
     def load(cls, path: StrPath) -> Restoration:
-        """Read what `save` has written.
+        """Read a file written by `save`.
 
         Raises
         ------
         OSError
             If the file cannot be read.
         ValueError
-            If it is not a saved restoration, or damaged.
+            If it is not a saved restoration, or is damaged.
         """
         with named(str(path)), open_regular(path) as file:
             text = read_bounded(file, _MOST_TEXT).decode(errors="replace")
@@ -128,16 +127,16 @@ class Prepared:
     Parameters
     ----------
     left, right
-        The images, of one size and dtype, (H, W), (H, W, 1) or (H, W, 3) as they came; their
-        disparities begin at 0. One to which nothing had to be done is as it came, without alpha.
+        The images, of one size and dtype, (H, W), (H, W, 1) or (H, W, 3) as given; their
+        disparities begin at 0. An image that needed no change is the original, without alpha.
     done
-        What was done, one sentence each; empty: nothing.
+        The changes, one sentence each; empty: none.
     num_disparities
-        How many disparities, from 0 on, the pair has.
+        The number of disparities of the pair, from 0 on.
     restoration
-        How maps of the pair come back, to be saved.
+        Brings maps of the pair back; can be saved.
     findings
-        What is worth knowing about the pair, as of a match.
+        Findings about the pair, as from a match.
 
     Examples
     --------
@@ -154,17 +153,17 @@ class Prepared:
     _judge: partial[Verification] | None = field(default=None, repr=False)
 
     def restore(self, disparity: ArrayLike, *, unit: Unit | None = None) -> Map:
-        """Return a map of the prepared pair as one of the left image as it came.
+        """Return a map of the prepared pair as one of the original left image.
 
         Parameters, result and errors are those of `Restoration.restore`.
         """
         return self.restoration.restore(disparity, unit=unit)
 
     def judge(self, disparity: ArrayLike, *, unit: Unit | None = None) -> Verification:
-        """Judge a map of the prepared pair by the images as they came: `verify` of `restore`.
+        """Judge a map of the prepared pair by the original images: `verify` of `restore`.
 
-        What `prepare` has found is not estimated again, unless it was given a range, or other
-        settings than those of the preset ``"robust"``, or this is a copy from a pickle.
+        The estimates of `prepare` are reused, unless it was given a range, or other settings than
+        those of the preset ``"robust"``, or this is a copy from a pickle.
 
         Parameters
         ----------
@@ -174,7 +173,7 @@ class Prepared:
         Returns
         -------
         Verification
-            In the left image as it came: confidence, error bar and verdict of every pixel, better
+            For the original left image: confidence, error bar and verdict of every pixel, better
             disparities, findings.
 
         Raises
@@ -213,15 +212,15 @@ def prepare(
     known: Known | None = None,
     **overrides: Unpack[SettingsOverrides],
 ) -> Prepared:
-    """Prepare a pair for any other matcher, by what `match` finds out about it.
+    """Prepare a pair for any other matcher, with the estimates that `match` makes.
 
     The images are those that `match` compares: rectified if they are far from it, the rows of the
     right one aligned, a negative inverted, impulses removed, the sharper one blurred like the other
-    one, area by area. Beyond that, the right one gets the gray levels of the left one where they
-    differ by more than a tenth, noise of some 10 gray levels and more is smoothed, and where many
-    disparities are negative, columns are added so that none is. Each channel is treated alike.
-    Where nothing is wrong, nothing is done. It takes the time that `match` takes for its estimates,
-    and that of the images.
+    one, area by area. In addition, the right one gets the gray levels of the left one if they
+    differ by more than a tenth, noise of about 10 gray levels or more is smoothed, and if many
+    disparities are negative, columns are added to make them positive. All channels are treated
+    alike. A faultless pair is not changed. It takes as long as the estimates of `match`, plus the
+    time to make the images.
 
     Parameters
     ----------
@@ -231,24 +230,24 @@ known, **overrides
         ``self_rectify=False`` does not rectify, ``compensate_blur=False`` and ``denoise=False``
         neither blur nor smooth.
     max_disparity
-        The largest disparity that the other matcher can answer, pixels, from 1. Where the pair has
-        larger ones, they are made smaller: columns are cut off, and the images reduced by 2, 4, ...
-        64 if that is not enough. None: any number.
+        The largest disparity that the other matcher can return, pixels, from 1. Larger ones in the
+        pair are made smaller: columns are cut off, and if that is not enough, the images are
+        reduced by 2, 4, ... 64. None: no limit.
 
     Returns
     -------
     Prepared
-        Both images, what was done, and how maps come back.
+        Both images, the changes, and the way back for maps.
 
     Raises
     ------
     TypeError, ValueError, OSError, ImportError, MemoryError, KeyboardInterrupt
-        As `match`; ValueError also for a `max_disparity` that images reduced by 64 exceed.
+        As `match`; ValueError also if images reduced by 64 still exceed `max_disparity`.
 
     Warns
     -----
     MatchWarning
-        If the pair is not fit to be matched, as `match`.
+        If the pair is unfit for a match, as `match`.
 
     Examples
     --------
@@ -258,9 +257,9 @@ known, **overrides
 
     Notes
     -----
-    Of one scene that is not known to the other matcher, bad-1.0 falls most where a rig is out of
-    order: HITNet with rows off by 4 px 66 % -> 5 %, turned by 5 degrees 70 -> 5, out of focus on
-    one side 55 -> 24. See the page "Use your network".
+    On one scene that is new to the other matcher, bad-1.0 falls most for faulty rigs: HITNet with
+    rows off by 4 px 66 % -> 5 %, turned by 5 degrees 70 -> 5, out of focus on one side 55 -> 24.
+    See the page "Use your network".
     """
     if max_disparity is not None:
         max_disparity = as_integer("max_disparity", max_disparity, least=1)
@@ -297,7 +296,7 @@ known, **overrides
 
 
 def _like(given: NDArray[Any], pixels: Pixels) -> NDArray[Any]:
-    """Return pixels in as many dimensions as the image came with."""
+    """Return pixels in the number of dimensions of the original image."""
     return pixels[:, :, 0] if given.ndim == 2 else pixels
 
 
@@ -315,7 +314,7 @@ def _as_pixels(disparity: ArrayLike, unit: Unit | None) -> Map:
     if unit not in (None, *_UNITS):
         raise ValueError(f"unit: got {unit!r:.80}; accepts pixels, sixteenths or None")
 
-    with np.errstate(over="ignore"):  # what no float32 holds is missing
+    with np.errstate(over="ignore"):  # values beyond float32 are missing
         pixels = values.astype(np.float32) * np.float32(_UNITS[unit or "pixels"])
     if unit == "sixteenths":
         pixels[pixels < 0] = np.nan

@@ -1,4 +1,4 @@
-"""What a match returns: the disparity map, and what is known about every pixel of it."""
+"""The result of a match: the disparity map, and maps that describe each of its pixels."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from phasestereo.rig.search_range import SearchRange
 from phasestereo.settings import Settings
 
 Layer: TypeAlias = Literal["flags", "confidence", "uncertainty"]
-"""A map of a result beside its disparities."""
+"""The name of a map of a result other than its disparities."""
 
 LAYERS: tuple[Layer, ...] = get_args(Layer)
 
@@ -33,16 +33,16 @@ KEEPS: tuple[Keep, ...] = get_args(Keep)
 
 @dataclass(frozen=True, slots=True)
 class MapKind:
-    """What a map of a result holds.
+    """The content of a map of a result.
 
     Parameters
     ----------
     dtype
         Name of the type of its values.
     unit
-        Their unit, by the conventions for climate and forecast metadata (CF).
+        Their unit, named by the conventions for climate and forecast metadata (CF).
     meaning
-        What they are, in words.
+        Their meaning, in words.
     optional
         Whether it is None with ``confidence=False``.
     """
@@ -66,16 +66,16 @@ MAPS: Mapping[str, MapKind] = {
         optional=True,
     ),
 }
-"""The maps of a result by the names of its attributes: whatever writes one goes by this list."""
+"""The maps of a result by attribute name. Every writer of maps uses this list."""
 
 
 def maps_with(settings: Settings) -> list[str]:
-    """Return the names of the maps that a match with these settings has."""
+    """Return the names of the maps that a match with these settings returns."""
     return [name for name, kind in MAPS.items() if settings.confidence or not kind.optional]
 
 
 class Flag(IntFlag):
-    """Why a pixel has no estimate, or an untrusted one; bits of `Result.flags`.
+    """Reasons why a pixel has no estimate or an untrusted one; bits of `Result.flags`.
 
     Examples
     --------
@@ -85,62 +85,62 @@ class Flag(IntFlag):
     MASKED = 1
     """The left pixel is masked: there is no estimate."""
     NO_CANDIDATE = 2
-    """No candidate has a valid pixel in the right image: there is no estimate, unless one is
-    filled in."""
+    """No candidate has a valid pixel in the right image: there is no estimate, unless one is filled
+    in."""
     OUTSIDE = 4
     """The match lies outside the right image."""
     MATCH_MASKED = 8
     """The match lies on a masked pixel of the right image."""
     OCCLUDED = 16
-    """The match belongs to another left pixel, and to those beside this one theirs do, too: most
-    likely the right image does not see it."""
+    """The match belongs to another left pixel, and so do the matches of the neighbors: most likely
+    the right image does not see this pixel."""
     MISMATCHED = 32
-    """The match belongs to another left pixel, beside pixels to which theirs belong: most likely
-    the right image sees it elsewhere."""
+    """The match belongs to another left pixel, but neighbors have matches of their own: most likely
+    the right image sees this pixel elsewhere."""
     LOW_CONFIDENCE = 64
     """The confidence is below ``min_confidence``."""
     SPECKLE = 128
-    """The pixel belongs to a small region that stands out from all around it."""
+    """The pixel belongs to a small region that differs from everything around it."""
     FILLED = 256
-    """The disparity is that of the background beside: the pixel's own is not to be trusted."""
+    """The disparity comes from the background next to the pixel; its own is not trusted."""
     AMBIGUOUS = 512
-    """A disparity elsewhere fits nearly as well: less worse than ``uniqueness`` asks for."""
+    """Another disparity costs nearly the same: the difference is below ``uniqueness``."""
     INFERRED = 1024
-    """The disparity is that of a plane, drawn into a flat area that shows nothing to match."""
+    """The disparity is that of a plane, fitted to a flat area without texture to match."""
     COARSE = 2048
-    """The disparity is that of a copy of the pair of half the size or less, which is more likely to
-    be right there; the other flags are those of the copy."""
+    """The disparity comes from a match at half the size or less, which is more likely right here;
+    the other flags are those of that match."""
     SECOND = 4096
-    """The disparity is that of the map of ``second``, which is more likely to be right there."""
+    """The disparity comes from the map of ``second``, which is more likely right here."""
 
     @property
     def words(self) -> str:
-        """The name as people read it."""
+        """The name in plain words."""
         return str(self.name).lower().replace("_", " ")
 
 
 def count_flags(flags: NDArray[np.uint16]) -> dict[Flag, int]:
-    """Return the number of pixels under each flag, 0 for those that none has."""
+    """Return the number of pixels with each flag, 0 for unused flags."""
     return {flag: int((flags & flag != 0).sum()) for flag in Flag}
 
 
 def describe_flags(flags: NDArray[np.uint16]) -> str:
-    """Return the share of the pixels under each flag that occurs, in words."""
+    """Return the share of pixels with each flag that occurs, in words."""
     return format_counts(count_flags(flags), flags.size)
 
 
 def format_counts(counts: Mapping[Flag, int], pixels: int) -> str:
-    """Return the shares of the pixels under each flag that occurs, in words."""
+    """Return the shares of pixels with each flag that occurs, in words."""
     shares = [f"{flag.words} {count / pixels:.1%}" for flag, count in counts.items() if count]
     return ", ".join(shares) or "none"
 
 
-_LEAST = 0.01  # of the pixels; a share below is not said to the percent
+_LEAST = 0.01  # of the pixels; smaller shares are not given to the percent
 
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """Shares of the pixels that describe a disparity map as a whole.
+    """Shares of pixels that describe a disparity map as a whole.
 
     Parameters
     ----------
@@ -149,23 +149,23 @@ class Summary:
     flagged
         Share that fails the left-right check or belongs to a speckle.
     at_low, at_high
-        Share with an estimate that was not filled in, at the least and at the largest
-        disparity that was searched.
+        Share whose estimate, not filled in, is the smallest or the largest disparity searched.
     confidence
-        Mean confidence; NaN if none was worked out.
+        Mean confidence; NaN without confidences.
     wrong
         Estimated share, 0 to 1, of the pixels with an estimate whose disparity is off by more than
-        1 px: 1 less the mean of their confidences. Without confidences, as with `fast`, it
-        is that of one row in 64; NaN in images of less than 37 rows, and where nothing is compared
-        with the texture of the image.
+        1 px: 1 minus the mean of their confidences. Without confidences, as with `fast`, it is
+        estimated from one row in 64; NaN for images of fewer than 37 rows, and where nothing is
+        compared with the texture of the image.
     coarse, inferred
-        Share whose disparity is that of a smaller copy of the pair, and of a plane drawn into a
+        Share whose disparity comes from a smaller copy of the pair, and from a plane fitted to a
         flat area: flags `COARSE` and `INFERRED`.
     second
-        Share whose disparity is that of a second map: flag `SECOND`.
+        Share whose disparity comes from a second map: flag `SECOND`.
     detail
-        Where smaller copies decided, the images hold no detail finer than this, pixels, 2 or more:
-        how many times smaller these are, as a geometric mean over the pixels. NaN if none decided.
+        Where smaller copies decided, the images hold no detail finer than this, in pixels, 2 or
+        more: the factor by which these copies are smaller, as a geometric mean over the pixels. NaN
+        if none decided.
 
     Examples
     --------
@@ -185,7 +185,7 @@ class Summary:
     detail: float
 
     def __str__(self) -> str:
-        """Say how many pixels are probably wrong: what a result leads with; "" if not known."""
+        """State how many pixels are probably wrong, the first line of a result; "" if unknown."""
         if math.isnan(self.wrong):
             return ""
         share = f"about {100 * self.wrong:.0f} %" if self.wrong >= _LEAST else "less than 1 %"
@@ -194,67 +194,66 @@ class Summary:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Result:
-    """A disparity map as seen from the left image; it can be pickled, which leaves out the pair.
+    """A disparity map as seen from the left image; a pickle leaves out the pair.
 
     Parameters
     ----------
     disparity
         float32 (H, W), pixels: left pixel (x, y) corresponds to right pixel (x - disparity, y).
-        NaN where there is no estimate, and with ``fill=False`` where it is not to be trusted.
+        NaN where there is no estimate, and with ``fill=False`` where it is not trusted.
     flags
-        uint16 (H, W), bits of `Flag`; 0 where nothing is held against the estimate.
+        uint16 (H, W), bits of `Flag`; 0 where nothing speaks against the estimate.
     confidence
         float32 (H, W) in [0, 1], the probability that the disparity is within 1 px of the true one,
-        filled ones included: from how far the chosen candidate is ahead of all others in the pixels
-        around that have this disparity, too, by those of similar gray value first, and from how
-        well the pair as a whole was matched. Pixels that ``min_confidence`` or ``fill=False`` left
-        without an estimate have theirs, others without one 0. None if the settings have
-        ``confidence=False``.
+        filled ones included. It depends on the lead of the chosen candidate over all others, in the
+        pixels around that share its disparity, those of similar gray value first, and on the match
+        of the pair as a whole. Pixels that ``min_confidence`` or ``fill=False`` left without an
+        estimate keep theirs; other pixels without one have 0. None with ``confidence=False``.
     settings
-        The settings that were used: with ``compensate_blur=True`` those that suit the blur.
+        The settings used; with ``compensate_blur=True``, those that suit the blur.
     timings
-        Wall-clock seconds of the stages: ``"estimation"`` (of blur and noise, if they were asked
-        for), ``"description"`` (images to codes), ``"matching"`` (codes to disparities),
-        ``"refinement"`` (checks, filling, smoothing, confidences), ``"scales"`` (smaller copies, if
-        they were matched, and planes), ``"temporal filter"`` (if there is one), ``"second"`` (the
-        second matcher, and the map of both).
+        Wall-clock seconds of the stages: ``"estimation"`` (of blur and noise, if requested),
+        ``"description"`` (images to codes), ``"matching"`` (codes to disparities), ``"refinement"``
+        (checks, filling, smoothing, confidences), ``"scales"`` (smaller copies, if they were
+        matched, and planes), ``"temporal filter"`` (if there is one), ``"second"`` (the second
+        matcher, and merging the maps).
     uncertainty
         float32 (H, W), pixels: half the width of the interval around the disparity that holds the
-        true one with a probability of 90 %; NaN where there is no estimate. None if the settings
-        have ``confidence=False``.
+        true one with a probability of 90 %; NaN where there is no estimate. None with
+        ``confidence=False``.
     blur
-        What was found out about blur and noise, if that was asked for.
+        The estimates of blur and noise, if requested.
     pair
-        The left and the right image as they were given, each (H, W) or (H, W, C), to look at beside
-        the disparities: references that keep them in memory, not copies, so a change of the images
-        shows. None if it is not known, as in what comes out of a pickle.
+        The left and the right image as given, each (H, W) or (H, W, C), to show next to the
+        disparities. They are references that keep the images in memory, not copies, so later
+        changes of the images show. None if unknown, as after a pickle.
     search
-        The disparities that were searched, and whether they were given or found. None if unknown.
+        The disparities searched, and whether they were given or found. None if unknown.
     alignment
-        How the rows of the images correspond, and whether the right one was straightened, if that
-        was asked for and could be estimated.
+        How the rows of the images correspond, and whether the right one was straightened, if this
+        was requested and could be estimated.
     blur_compensation
-        The versions in which pixels were compared, and the noise; None: the images as they are.
+        The versions in which pixels were compared, and the noise; None: the unchanged images.
     summary
-        Shares of the pixels that show whether the match as a whole is to be trusted. None where
-        parts of a pair were matched.
+        Shares of pixels that show whether to trust the match as a whole. None for a match of parts
+        of a pair.
     findings
-        What there is to say about the match as a whole, worst first; empty if all is well, and
-        where parts of a pair were matched.
+        Findings about the match as a whole, worst first; empty if all is well, and for a match of
+        parts of a pair.
     temporal_support
-        uint8 (H, W): how many frames of a video support each disparity, from 1 (this one alone) to
-        8. None without a `phasestereo.TemporalFilter`.
+        uint8 (H, W): the number of video frames that support each disparity, from 1 (only this one)
+        to 8. None without a `phasestereo.TemporalFilter`.
     rectified
-        The rectified pair that was matched, with ``self_rectify=True`` where the images are far
-        from rectified: then `disparity` is x - x' of pixels that may lie on other rows. None: the
-        images were matched as they are.
+        The rectified pair that was matched, with ``self_rectify=True`` and images far from
+        rectified: then `disparity` is x - x' of pixels that may lie on different rows. None: the
+        images were matched unchanged.
     right
-        The map of the right image, with ``right_map=True``: its pixel (x, y) corresponds to left
-        pixel (x + disparity, y). What it has beside maps is of the exchanged, mirrored pair, of
-        which it is the match. None: the right image was not matched.
+        The result for the right image, with ``right_map=True``: its pixel (x, y) corresponds to
+        left pixel (x + disparity, y). Apart from its maps, it describes the match of the exchanged,
+        mirrored pair. None: the right image was not matched.
     vertical
-        Whether columns were matched, given or found: left pixel (x, y) corresponds to right pixel
-        (x, y - disparity).
+        Whether columns were matched, on request or by detection: left pixel (x, y) corresponds to
+        right pixel (x, y - disparity).
 
     Examples
     --------
@@ -282,14 +281,14 @@ class Result:
     vertical: bool = False
 
     _repr_html_: ClassVar[Callable[[Result], str]]
-    """Jupyter and marimo show a result by it; the package, which knows the views, has set it."""
+    """Jupyter and marimo show a result with it; the root of the package sets it."""
 
     @property
     def trusted(self) -> NDArray[np.bool_]:
         """Where the disparity is probably within 1 px, bool (H, W).
 
-        Those with a confidence of at least 0.5. Without confidences, estimates without a flag, and
-        none at all where the summary says that most are wrong.
+        True for confidences of at least 0.5. Without confidences, true for estimates without a
+        flag, and false everywhere if the summary reports that most are wrong.
         """
         return self.kept("trusted")
 
@@ -299,15 +298,14 @@ class Result:
         Parameters
         ----------
         keep
-            ``"trusted"``: `trusted`. ``"checked"``: fewer and more accurate ones, trusted pixels
-            that no flag speaks against; none of them is filled in, inferred, of a coarser copy or
-            of a second map.
+            ``"trusted"``: `trusted`. ``"checked"``: fewer and more accurate pixels, trusted ones
+            without a flag; none is filled in, inferred, from a coarser copy or from a second map.
             ``"all"``: every estimate.
 
         Returns
         -------
         ndarray
-            bool (H, W). Estimates are finite in all three.
+            bool (H, W). Estimates are finite with all three choices.
 
         Raises
         ------
@@ -327,11 +325,11 @@ class Result:
         return type(self), tuple(kept.values())
 
     def __copy__(self) -> Result:
-        """Return another one of the same arrays, pair and all: `copy.copy` is not a pickle."""
+        """Return a copy with the same arrays, pair included: `copy.copy` does not pickle."""
         return replace(self)
 
     def __repr__(self) -> str:
-        """Show the size, what is wrong, what is there and the time: arrays would say nothing."""
+        """Show the size, the wrong share, the maps and the time, not the arrays."""
         rows, cols = self.disparity.shape
         known = np.isfinite(self.disparity) if self.confidence is None else self.trusted
         share = f"{known.mean():.1%} {'estimated' if self.confidence is None else 'trusted'}"
@@ -340,15 +338,15 @@ class Result:
 
     @property
     def maps(self) -> dict[str, NDArray[Any]]:
-        """The maps that there are, each (H, W), by their names: those of `MAPS`."""
+        """All maps of this result, each (H, W), by the names in `MAPS`."""
         found = {name: getattr(self, name) for name in MAPS}
         return {name: values for name, values in found.items() if values is not None}
 
     @property
     def verdict(self) -> str:
-        """How many pixels are probably wrong, in words; "" if that is not known.
+        """The share of pixels that are probably wrong, in words; "" if unknown.
 
-        For one image given twice, or without a confidence, the first warning about the match.
+        For two identical images, or without confidences, the first warning about the match.
         """
         if self.summary is None:
             return ""

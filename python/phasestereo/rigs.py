@@ -1,4 +1,4 @@
-"""Two cameras that run: what they are is learned from frame to frame."""
+"""Two running cameras, whose geometry and blur are learned from frame to frame."""
 
 from __future__ import annotations
 
@@ -26,22 +26,22 @@ from phasestereo.settings import PresetName, Settings, SettingsOverrides, resolv
 from phasestereo.temporal import TemporalFilter
 
 REESTIMATE = 30
-"""Frames after which blur is estimated anew, however much it looks as it was."""
+"""Frames after which blur is estimated again, even if it looks unchanged."""
 
 Anchor: TypeAlias = tuple[float | ArrayLike, float | ArrayLike]
 
-_MOST_TEXT = 2**20  # bytes: a saved rig has some thousands
+_MOST_TEXT = 2**20  # bytes: a saved rig has a few thousand
 _LEAST_DEVIATION = 0.1  # px: blocks of a plane err alike
 
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """Something that happened to a rig.
+    """An event in the life of a rig.
 
     Parameters
     ----------
     subject
-        What it is about: "cameras", "rows", "range", "blur" or "health".
+        Its topic: "cameras", "rows", "range", "blur" or "health".
     frame
         The number of the frame, from 0.
     sentence
@@ -71,9 +71,9 @@ class Check(NamedTuple):
     value: float
     """NaN: unknown."""
     limit: float
-    """The most there may be; of "reserve" and "fill" the least."""
+    """The upper limit; for "reserve" and "fill" the lower one."""
     passed: bool | None
-    """None: unknown, and not needed."""
+    """None: unknown, and not required."""
 
     def __str__(self) -> str:
         word = {True: "ok", False: "FAILED", None: "unknown"}[self.passed]
@@ -83,27 +83,27 @@ class Check(NamedTuple):
 
 
 class Rig:
-    r"""Two cameras, of which each pair they take shows more: rows, range, blur, what changes.
+    r"""Two cameras whose properties each pair refines: rows, range, blur, changes.
 
-    The first pair is matched as `match` does. Those after it take over what holds: where rows
-    correspond, filtered over the frames; which disparities there are; the cameras by which raw
-    images are rectified; blur and noise, as long as they look as before. A frame whose rows have
-    moved, or whose things are nearer than was searched for, is matched once more at once. A match
-    that is not to be trusted changes nothing, nor does one that fails. Frames are matched one after
-    another, by one thread at a time. It can be pickled, saved, and loaded.
+    The first pair is matched as `match` does. Later pairs reuse what still holds: the row
+    alignment, filtered over the frames; the range of disparities; the cameras that rectify raw
+    images; blur and noise, as long as they look unchanged. If the rows of a frame have moved, or
+    things are nearer than the search range, the frame is matched again at once. Untrusted or failed
+    matches change nothing. Frames are matched one after another, by one thread at a time. A rig can
+    be pickled, saved, and loaded.
 
     Parameters
     ----------
     num_disparities, min_disparity, preset, settings, threads, device, **overrides
         As `Matcher` and `match` take them, for every frame.
     anchor
-        What no pair shows: by how much all disparities are off, since the cameras turn about the
-        vertical axis. ``(found, true)``: disparities that were found at some place, and those that
+        The one thing that no pair shows: the error of all disparities, since the cameras turn about
+        the vertical axis. ``(found, true)``: disparities found at some place, and the ones that
         belong to its distance, in pixels: ``focal * baseline / distance``, 0 at infinity; numbers,
-        or arrays of one shape, as over a plane. See `offset`. None: not known.
+        or arrays of one shape, such as over a plane. See `offset`. None: unknown.
     reestimate
-        Frames after which blur is estimated anew at the latest; 1: every frame is matched by
-        itself.
+        Frames after which blur is estimated again at the latest; 1: every frame is matched on its
+        own.
 
     Raises
     ------
@@ -152,7 +152,7 @@ class Rig:
 
     @property
     def frames(self) -> int:
-        """How many frames it has seen."""
+        """The number of frames seen."""
         return self._core.frames
 
     @property
@@ -162,25 +162,26 @@ class Rig:
 
     @property
     def events(self) -> tuple[Event, ...]:
-        """What happened, the oldest first: the last 256."""
+        """Past events, the oldest first: the last 256."""
         return tuple(Event(*event) for event in self._core.events)
 
     @property
     def disparities(self) -> tuple[int, int] | None:
-        """The disparities it has seen, half-open, with a reserve; None: nothing is known."""
+        """The disparities seen, half-open, with a reserve; None: unknown."""
         found = self._core.disparities
         return None if found is None else (found[0], found[0] + found[1])
 
     @property
     def field(self) -> Alignment | None:
-        """Where rows correspond, and how exactly that is known; None: nothing is known."""
+        """The row alignment, with its accuracy; None: unknown."""
         return self._core.field
 
     @property
     def offset(self) -> tuple[float, float] | None:
-        """What is to be added to disparities before they become depths, and its standard deviation.
+        """The offset to add to disparities before they become depths, and its standard deviation.
 
-        In pixels, by the anchor, as `phasestereo.depth_interval` takes it. None: without one.
+        In pixels, from the anchor, as `phasestereo.depth_interval` takes it. None without an
+        anchor.
         """
         return self._offset
 
@@ -202,22 +203,22 @@ class Rig:
         Parameters
         ----------
         left, right, left_mask, right_mask, known, vertical
-            As `match` takes them; None: `vertical` is as the frames before have shown.
+            As `match` takes them; `vertical` None: as in the frames before.
         temporal_filter
             As `Matcher.match` takes it.
         second, timeout
-            As `match` takes them. The rig learns from the match alone.
+            As `match` takes them. The rig learns only from its own match.
 
         Returns
         -------
         Result
-            As `match`; ``result.blur.reused`` says whether the blur of an earlier frame holds.
+            As `match`; ``result.blur.reused`` is True if the blur of an earlier frame was reused.
 
         Raises
         ------
         TypeError, ValueError, OSError, MemoryError, KeyboardInterrupt
-            As `match`; ValueError also while another thread matches a pair by this rig. What is
-            known after the last match can be read meanwhile.
+            As `match`; ValueError also while another thread matches a pair with this rig. The state
+            after the last match can be read meanwhile.
 
         Warns
         -----
@@ -244,12 +245,12 @@ class Rig:
         return result
 
     def change(self, settings: Settings, num_disparities: int | None) -> None:
-        """Match the frames from the next one on in another way; what is known of them is kept.
+        """Change the settings from the next frame on; the knowledge of the cameras is kept.
 
         Parameters
         ----------
         settings
-            How.
+            The new settings.
         num_disparities
             Number of disparities to search; None: found from the images.
 
@@ -266,21 +267,21 @@ class Rig:
     def test(
         self, limits: Mapping[str, float] | None = None, *, focal: float | None = None
     ) -> tuple[Check, ...]:
-        """Compare what is known of the cameras with limits: go, or no-go.
+        """Compare the state of the cameras with limits: go, or no-go.
 
         Parameters
         ----------
         limits
-            Limits in the place of the usual ones, from which on a match is warned of: of "rows",
-            "error", "drift", "rotation", "wrong", "reserve", "noise", "exposure", "blur".
+            Limits that replace the defaults, at which matches warn: of "rows", "error", "drift",
+            "rotation", "wrong", "reserve", "noise", "exposure", "blur".
         focal
-            Focal length of the rectified images in pixels, by which rows become a rotation.
+            Focal length of the rectified images in pixels, which turns rows into a rotation.
 
         Returns
         -------
         tuple of Check
-            All quantities. Unmeasured quantities fail if a limit was given, and so have rows,
-            their error and the wrong share.
+            All quantities. Unmeasured quantities fail if a limit was given; rows, their error and
+            the wrong share always do.
 
         Raises
         ------
@@ -293,10 +294,9 @@ class Rig:
         return tuple(Check(*row) for row in self._core.check(given, length))
 
     def save(self, path: StrPath) -> None:
-        """Write what is known to a text file, which `load` reads to the bit.
+        """Write the state to a text file, which `load` reads to the bit.
 
-        Kernels that even out blur are left out: they are estimated of the first frame of the next
-        run.
+        Kernels that even out blur are left out: the next run estimates them from its first frame.
 
         Raises
         ------
@@ -307,14 +307,14 @@ class Rig:
 
     @classmethod
     def load(cls, path: StrPath, **options: Any) -> Rig:
-        """Read what `save` has written; options as those of the class.
+        """Read a file from `save`; options are those of the class.
 
         Raises
         ------
         OSError
             If the file cannot be read.
         TypeError, ValueError
-            If it is not a saved rig, or damaged, and as the class.
+            If it is not a saved rig, or is damaged; also as the class.
         """
         rig = cls(**options)
         with named(str(path)), open_regular(path) as file:
@@ -323,20 +323,20 @@ class Rig:
         return rig
 
     def export(self, path: StrPath, form: Form = "opencv") -> None:
-        """Write the cameras that raw images are rectified by, for other programs.
+        """Write the cameras that rectify raw images, for other programs.
 
         Parameters
         ----------
         path
-            The file; of "camera_info" the folder, for ``left.yaml`` and ``right.yaml``.
+            The file; for "camera_info" the folder of ``left.yaml`` and ``right.yaml``.
         form
-            "opencv": YAML with K1, D1, K2, D2, R, T; "camera_info": that of ROS; "kalibr": a
-            camchain. The distance of the cameras is not known from images: it is 1.
+            "opencv": YAML with K1, D1, K2, D2, R, T; "camera_info": ROS's format; "kalibr": a
+            camchain. Images do not show the distance of the cameras: it is set to 1.
 
         Raises
         ------
         ValueError
-            If no raw images were rectified, or there is no such form.
+            If no raw images were rectified, or the form is unknown.
         OSError
             If a file cannot be written.
         """
@@ -349,7 +349,7 @@ class Rig:
         written(path, *found, form)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the constructor and arguments of a copy: threads are not copied."""
+        """Return the constructor and arguments of a copy; threads are not copied."""
         state = {key: value for key, value in vars(self).items() if key != "_workers"}
         return state | {"_core": self._core.text}
 
@@ -366,7 +366,7 @@ class Rig:
 
 
 def _offset(anchor: Anchor) -> tuple[float, float]:
-    """Return the mean of true less found disparities, and its standard deviation."""
+    """Return the mean of true minus found disparities, and its standard deviation."""
     accepts = "(found, true): disparities in pixels, numbers or arrays of one shape"
     try:
         found, true = (np.asarray(one, np.float64) for one in anchor)

@@ -1,4 +1,4 @@
-"""The second map of a match: given, or what another matcher makes of the pair."""
+"""The second map of a match: given, or made from the pair by another matcher."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from phasestereo._numbers import as_number
 from phasestereo.matchers import OtherMatcher, load_matcher
 from phasestereo.verification import as_claims
 
-_TICK = 0.1  # s between looks whether Ctrl-C was pressed
+_TICK = 0.1  # s between checks for Ctrl-C
 
 
 def as_second(
     second: Any, timeout: float | None, size: tuple[int, ...]
 ) -> SecondMatcher | Map | None:
-    """Return the second map of a match, or what makes it, as the core takes it.
+    """Return the second map of a match, or its source, as the core takes it.
 
     Parameters
     ----------
     second
-        A map, or what `load_matcher` makes a matcher of; None: no second map.
+        A map, or anything that `load_matcher` takes; None: no second map.
     timeout
-        Seconds that a matcher may take; None: any time.
+        Time limit of a matcher; None: no limit.
     size
         Rows and columns of the left image.
 
@@ -54,9 +54,9 @@ def as_second_matcher(second: Any, timeout: float | None) -> SecondMatcher:
     Parameters
     ----------
     second
-        What `load_matcher` makes a matcher of, or a `SecondMatcher`, which is returned as it is.
+        Anything that `load_matcher` takes, or a `SecondMatcher`, which is returned unchanged.
     timeout
-        Seconds that it may take; None: any time, or what it has already.
+        Time limit in seconds; None: no limit, or the matcher's own.
 
     Raises
     ------
@@ -74,7 +74,7 @@ def as_second_matcher(second: Any, timeout: float | None) -> SecondMatcher:
 
 @dataclass(slots=True)
 class SecondMatcher:
-    """A matcher as the core calls it: it returns a map, or the reason why it failed.
+    """A matcher as the core calls it: it returns a map, or the reason for its failure.
 
     While a call that took too long runs on, the next ones fail at once.
 
@@ -83,7 +83,7 @@ class SecondMatcher:
     matcher
         The matcher.
     timeout
-        Seconds that it may take; None: any time.
+        Time limit in seconds; None: no limit.
     """
 
     matcher: OtherMatcher
@@ -92,23 +92,23 @@ class SecondMatcher:
 
     @property
     def name(self) -> str:
-        """What findings call it."""
+        """Its name in findings."""
         return self.matcher.name
 
     @property
     def max_disparity(self) -> int | None:
-        """The largest disparity that it can answer, pixels; None: not known."""
+        """The largest disparity that it can return, in pixels; None: unknown."""
         return self.matcher.max_disparity
 
     def __call__(self, left: NDArray[Any], right: NDArray[Any], num_disparities: int) -> Map | str:
-        """Return float32 (H, W), pixels, NaN without a disparity; or why it failed."""
+        """Return float32 (H, W), pixels, NaN without a disparity; or the reason for the failure."""
         try:
             return self._within(lambda: self.matcher(left, right, num_disparities))
         except Exception as error:  # noqa: BLE001 - whatever it raises, our own map stands
             return f"{type(error).__name__}: {error}"
 
     def _within(self, work: Callable[[], Map]) -> Map:
-        """Do work within the time that it may take; a thread that takes longer is abandoned."""
+        """Run the work within the time limit; a thread that exceeds it is abandoned."""
         if self.timeout is None:
             return work()
         if self._late is not None and self._late.is_alive():
@@ -119,7 +119,7 @@ class SecondMatcher:
         def run() -> None:
             try:
                 found.append(work())
-            except Exception as error:  # noqa: BLE001 - raised again where it is waited for
+            except Exception as error:  # noqa: BLE001 - raised again by the waiting thread
                 found.append(error)
 
         thread = threading.Thread(target=run, daemon=True, name="second matcher")

@@ -1,4 +1,4 @@
-"""The temporal filter: what a `Matcher` carries over from one frame of a video to the next."""
+"""The temporal filter: the state that a `Matcher` carries from one video frame to the next."""
 
 from __future__ import annotations
 
@@ -7,23 +7,23 @@ from phasestereo._numbers import check_type
 
 
 class TemporalFilter:
-    """Makes the disparities of a video steadier where neither image has changed.
+    """Steadies the disparities of a video where neither image has changed.
 
-    There a disparity is the mean of those of up to 8 frames that are within a pixel of each other;
-    one that is farther off is outvoted by as many frames as had the other one. A pixel starts anew
-    where either image has changed by more than its noise, at the pixel or where its disparity
-    leads, or if the size, the type of the images, the settings or the range of disparities have. So
-    a cut, or a camera that moves, gives the maps that frames give by themselves.
+    There a disparity is the mean over up to 8 frames whose disparities are within a pixel of each
+    other; one that is farther off wins only after the same number of frames as had the other one. A
+    pixel starts anew where either image has changed by more than its noise, at the pixel or at its
+    match, or if the size, the type of the images, the settings or the range of disparities have
+    changed. So after a cut, or with a moving camera, the maps equal those of single frames.
 
-    A filter is of one video, whose frames are matched one after another: give it to each
-    `Matcher.match`, as `phasestereo_live.stream` does by itself. It keeps 15 bytes a pixel, 19
-    with confidences. Pickling drops its history.
+    A filter belongs to one video, whose frames are matched in order: pass it to each
+    `Matcher.match`, as `phasestereo_live.stream` does. It keeps 15 bytes per pixel, 19 with
+    confidences. Pickling drops its history.
 
     Notes
     -----
-    A recursive mean, as the temporal filters of depth cameras have it, after the majority vote of
-    R. S. Boyer and J. S. Moore, *MJRTY - A Fast Majority Vote Algorithm*, 1981. With
-    ``subpixel=False`` the means of whole numbers have fractions.
+    A recursive mean, as in the temporal filters of depth cameras, after the majority vote of R. S.
+    Boyer and J. S. Moore, *MJRTY - A Fast Majority Vote Algorithm*, 1981. With ``subpixel=False``,
+    means of whole numbers have fractions.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""A second opinion on a disparity map: which of its pixels the images refute, or support."""
+"""A second opinion on a disparity map: the pixels that the images refute or support."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from phasestereo.result import Result
 from phasestereo.rig.findings import Finding
 from phasestereo.settings import PRESETS
 
-_DIMMED = 0.5  # of the gray values where there is no verdict
+_DIMMED = 0.5  # of the gray values without a verdict
 _WEIGHT = 0.55  # of the color of a verdict
-# Blue and orange are distinct to all who see colors, and their brightness differs.
+# Blue and orange differ for every kind of color vision, and also in brightness.
 _COLORS = {"SUPPORTED": (0, 110, 200), "REFUTED": (255, 140, 0)}
 
 
 class Verdict(IntEnum):
-    """What the images say of the disparity that a map claims; values of `Verification.verdict`.
+    """The images' verdict on a map's disparity; values of `Verification.verdict`.
 
     Examples
     --------
@@ -35,7 +35,7 @@ class Verdict(IntEnum):
     NO_CLAIM = 0
     """The map has no finite disparity here."""
     UNKNOWN = 1
-    """The images cannot judge it: too little texture, an occlusion, or a match that is not sure."""
+    """The images cannot judge it: too little texture, an occlusion, or an unsure match."""
     SUPPORTED = 2
     """The images support it: the match is confident, and within 1.5 px of it."""
     REFUTED = 3
@@ -44,7 +44,7 @@ class Verdict(IntEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Verification:
-    """What `verify` found out about a disparity map; printing it prints its sentences.
+    """The result of `verify` for a disparity map; printing it prints its sentences.
 
     Parameters
     ----------
@@ -53,16 +53,16 @@ class Verification:
     better
         float32 (H, W), pixels: the disparity that fits better where the map is refuted, else NaN.
     confidence
-        float32 (H, W), 0 to 1: the probability that the map is within 1 px of the truth; 0 where it
-        claims nothing.
+        float32 (H, W), 0 to 1: the probability that the map is within 1 px of the truth; 0 where
+        the map has no disparity.
     uncertainty
         float32 (H, W), pixels: the error bar of the map, which holds 90 % of its errors; NaN where
-        it claims nothing.
+        the map has no disparity.
     findings
-        What there is to say of the map as a whole, worst first, then of the match.
+        Findings about the map as a whole, worst first, then about the match.
     result
-        The match that the map was compared with, of the preset ``"robust"``, over the disparities
-        that were found in the images and nearly all that the map claims.
+        The match that the map was compared with, with the preset ``"robust"``, over the disparities
+        found in the images and nearly all those of the map.
 
     Examples
     --------
@@ -103,7 +103,7 @@ class Verification:
         Raises
         ------
         ValueError
-            If the pair is no longer there, as after a pickle.
+            If the pair is no longer available, as after a pickle.
         """
         if self.result.pair is None:
             raise ValueError("result: got no pair, as after a pickle; accepts one with its images")
@@ -120,11 +120,11 @@ class Verification:
         return np.asarray(np.rint(shown), np.uint8)
 
     def __str__(self) -> str:
-        """Return one line a finding: its severity, and a sentence."""
+        """Return one line per finding: its severity, and a sentence."""
         return "\n".join(f"{found.severity}: {found.sentence}" for found in self.findings)
 
     def __repr__(self) -> str:
-        """Show the size and the shares: arrays would say nothing."""
+        """Show the size and the shares, not the arrays."""
         rows, cols = self.verdict.shape
         shares = {each: getattr(self, each) for each in ("refuted", "supported", "unknown")}
         told = ", ".join(f"{share:.1%} {name}" for name, share in shares.items())
@@ -147,22 +147,21 @@ def verify(
     progress: Progress | None = None,
     known: Known | None = None,
 ) -> Verification:
-    """Judge a disparity map of any origin by the images that it is of.
+    """Judge a disparity map of any origin by its images.
 
-    The pair is prepared as `match` with the preset ``"robust"`` prepares it: cameras, rows, blur,
-    light and noise are estimated and compensated for. It is matched, and where the map says
-    something else, the matching costs of both around the pixel decide. What the right image does
-    not see is never refuted. How likely the map is right is learned from maps of networks and
-    others, by ``phasestereo bench confidence --of maps``.
+    The pair is prepared as `match` does with the preset ``"robust"``: cameras, rows, blur, light
+    and noise are estimated and compensated for. It is matched; where the map differs, the matching
+    costs of both disparities around the pixel decide. Pixels that the right image does not see are
+    never refuted. The probability that the map is right is learned from maps of networks and other
+    matchers, by ``phasestereo bench confidence --of maps``.
 
     Parameters
     ----------
     left, right, threads, left_mask, right_mask, progress, known
         As `match` takes them, `known` without ``before``.
     disparity
-        (H, W), the map of the left image: a left pixel at column x shows what the right one shows
-        at column ``x - disparity``. Floats or integers, in pixels; what is not finite claims
-        nothing.
+        (H, W), the map of the left image: left column x corresponds to right column ``x -
+        disparity``. Floats or integers, in pixels; non-finite values are missing.
 
     Returns
     -------
@@ -174,17 +173,17 @@ def verify(
     TypeError
         If the map is not an array of real numbers; else as `match`.
     ValueError
-        If the map has another shape than the images, or no finite value; else as `match`.
+        If the map's shape differs from the images', or it has no finite value; else as `match`.
     OSError, ImportError, MemoryError, KeyboardInterrupt
         As `match`.
 
     Notes
     -----
-    A map with the opposite sign, or in 16ths (what OpenCV's matchers return) or 256ths of a pixel
-    (what KITTI's files hold), is judged as it stands, and a finding says so.
+    A map with the opposite sign, or in 16ths of a pixel (from OpenCV's matchers) or 256ths (from
+    KITTI's files), is judged as it stands, and a finding reports it.
 
-    Of the disparities that HITNet gets wrong by more than 1 px on 12 Middlebury pairs 45 % are
-    refuted, of those it gets right 0.7 %; with noise of 20 gray levels 21 and 0.8 %, with one image
+    On 12 Middlebury pairs, 45 % of HITNet's disparities that are wrong by more than 1 px are
+    refuted, and 0.7 % of the right ones; with noise of 20 gray levels 21 and 0.8 %, with one image
     out of focus 52 and 2.2 %. `phasestereo bench verify` measures it.
 
     Examples
@@ -206,7 +205,7 @@ def judge(
     progress: Progress | None = None,
     ready: _core.Ready | None = None,
 ) -> Verification:
-    """Judge as `verify` does; a pair that is ready by its settings is not estimated again."""
+    """Judge as `verify` does; a pair that its settings mark as ready is not estimated again."""
     check_callable("progress", progress)
     arrays, pair, valid = opened_valid(images, masks)
     claims = as_claims(disparity, pair[0].shape[:2])
@@ -219,7 +218,7 @@ def judge(
 def as_claims(
     disparity: ArrayLike, size: tuple[int, ...], name: str = "disparity"
 ) -> NDArray[np.float32]:
-    """Return a map as the core takes it; infinity, which PFM has for it, claims nothing.
+    """Return a map as the core takes it; infinity, PFM's mark, counts as missing.
 
     Raises
     ------
@@ -229,7 +228,7 @@ def as_claims(
         If it has another shape, or no finite value.
     """
     values = as_numbers(disparity, name, "iuf", size)
-    with np.errstate(over="ignore"):  # what no float32 holds lies outside the right image, too
+    with np.errstate(over="ignore"):  # values beyond float32 lie outside the right image, too
         narrow = values.astype(np.float32)
     beyond = np.isinf(narrow) & np.isfinite(values)
     narrow[beyond] = np.copysign(np.finfo(np.float32).max, narrow[beyond])

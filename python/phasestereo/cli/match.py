@@ -86,8 +86,8 @@ def match(
     right
         Right image; may differ in size and type.
     num_disparities
-        Number of disparities to search, from 1 to the images' width, or auto: the ndisp of --calib,
-        or else a range found in the images.
+        Number of disparities to search, or auto, which finds them. 1 to the images' width; auto
+        takes the ndisp of --calib, or else a range found in the images.
     min_disparity
         Smallest disparity to search.
     left_mask
@@ -97,7 +97,7 @@ def match(
     bands
         Number of the band of GeoTIFF images to match, or 3,2,1 for red, green and blue.
     threads
-        Number of threads. Default: one per processor.
+        Number of threads; default: one per processor.
     device
         Device that searches: cpu, gpu, auto (a GPU if there is one), or part of the name of an
         adapter that `doctor` lists. The map is the same.

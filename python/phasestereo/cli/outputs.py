@@ -123,7 +123,7 @@ class Outputs:
         any browser opens it, without a network. Points are to scale with a geometry. Needs the
         extra ``report``.
     json
-        Print one JSON object on standard output, with size, settings, timings, flags, metrics,
+        Print one JSON object on standard output. It has size, settings, timings, flags, metrics,
         files.
     """
 

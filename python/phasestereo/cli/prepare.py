@@ -61,7 +61,7 @@ def prepare(
     min_disparity
         Smallest disparity to search, with --num-disparities.
     threads
-        Number of threads. Default: one per processor.
+        Number of threads; default: one per processor.
     as_json
         Print one JSON object on standard output: done, num_disparities, findings, files.
     """

@@ -62,7 +62,7 @@ def verify(
         PNG file for the verdicts, 8 bits: 0 no disparity, 1 cannot be judged, 2 supported, 3
         refuted.
     threads
-        Number of threads. Default: one per processor.
+        Number of threads; default: one per processor.
     as_json
         Print one JSON object on standard output: shares, findings, files.
     strict

@@ -1,13 +1,13 @@
 """Files in and out: images, disparity and depth maps, ground truth, calibrations, point clouds.
 
-In memory a disparity map is float32 with NaN where there is no estimate; every format's own mark
-for that (+inf in PFM, 0 in KITTI's PNG) is translated here and nowhere else. What a file holds
-arrives exactly, to the bit, or not at all: nothing is narrowed, rescaled or clipped on the way.
-Files are written whole or not at all. Images need the extra ``io``; ``.npy``, ``.npz``, ``.pfm``
-and ``.ply`` do not. GeoTIFF is read and written by `phasestereo_large.geotiff`, the extra ``geo``.
+In memory, a disparity map is float32 with NaN where there is no estimate; only this package
+translates each format's own mark for that (+inf in PFM, 0 in KITTI's PNG). The content of a file
+arrives exactly, to the bit, or not at all: nothing is narrowed, rescaled or clipped. Files are
+written completely or not at all. Images need the extra ``io``; ``.npy``, ``.npz``, ``.pfm`` and
+``.ply`` do not. GeoTIFF is read and written by `phasestereo_large.geotiff`, the extra ``geo``.
 
-Files may come from anywhere: pictures of more than `max_pixels` pixels are refused, as is anything
-that would unpack to more than a picture needs, and what is not a regular file.
+Files may be hostile: pictures of more than `max_pixels` pixels are refused, and so are files that
+would unpack to more than a picture needs, and files that are not regular.
 """
 
 from __future__ import annotations

@@ -23,8 +23,8 @@ Camera: TypeAlias = tuple[tuple[float, ...], ...]
 class Calibration:
     """The geometry of a rectified pair; the fields are those of ``calib.txt`` [1]_.
 
-    Points and depths that follow from it are in the frame of the left camera, X to the right, Y
-    down and Z forward, and in the unit of `baseline`.
+    Points and depths are in the frame of the left camera, X right, Y down and Z forward, and in the
+    unit of `baseline`.
 
     Raises
     ------
@@ -63,10 +63,10 @@ class Calibration:
     vmax: float | None = None
     """A tight bound on the largest disparity, pixels."""
     unit: LengthUnit | None = None
-    """The unit of `baseline` and of all depths; None: not known."""
+    """The unit of `baseline` and of all depths; None: unknown."""
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be a camera pair."""
+        """Refuse values that cannot be a camera pair."""
         for name in ("cam0", "cam1"):
             # the only way to set a field of a frozen dataclass
             object.__setattr__(self, name, _checked_camera(name, getattr(self, name)))
@@ -114,10 +114,10 @@ class Calibration:
         doffs
             Difference of the principal points in x, right - left, pixels.
         cx, cy
-            Principal point of the left camera, pixels, the center of the first pixel being (0, 0).
+            Principal point of the left camera, pixels; the center of the first pixel is (0, 0).
             None: the center of the image.
         unit
-            That of the baseline; None: not known.
+            The unit of the baseline; None: unknown.
 
         Raises
         ------
@@ -129,7 +129,7 @@ class Calibration:
         f = as_number("focal", focal, positive=True)
         offset = as_number("doffs", doffs)
         for name, side in (("width", width), ("height", height)):
-            as_number(name, side)  # __post_init__ refuses those that are no sides of images
+            as_number(name, side)  # __post_init__ refuses invalid sizes
 
         x = (width - 1) / 2 if cx is None else as_number("cx", cx)
         y = (height - 1) / 2 if cy is None else as_number("cy", cy)
@@ -148,7 +148,7 @@ class Calibration:
     def from_q(
         cls, q: ArrayLike, *, width: int, height: int, unit: LengthUnit | None = None
     ) -> Self:
-        """Make a calibration of the matrix Q of OpenCV's ``stereoRectify`` [2]_.
+        """Make a calibration from the matrix Q of OpenCV's ``stereoRectify`` [2]_.
 
         Parameters
         ----------
@@ -158,7 +158,7 @@ class Calibration:
         width, height
             Size of the rectified images, pixels.
         unit
-            That of the baseline; None: not known.
+            The unit of the baseline; None: unknown.
 
         Raises
         ------
@@ -169,7 +169,7 @@ class Calibration:
 
         See Also
         --------
-        read_calibration : From the files in which Q is kept.
+        read_calibration : From the files that hold Q.
 
         References
         ----------
@@ -191,13 +191,13 @@ class Calibration:
         )
 
     def decimated(self, factor: int) -> Self:
-        """Return the calibration of the images at a whole fraction of their size.
+        """Return the calibration of images reduced by a whole factor.
 
         Parameters
         ----------
         factor
-            Pixels in a row and in a column that become one, 1 to the smaller side. Rows and columns
-            that do not fill a block are left out.
+            Pixels along a row and a column that become one, from 1 to the smaller side. Rows and
+            columns that do not fill a block are dropped.
 
         Raises
         ------
@@ -208,16 +208,16 @@ class Calibration:
 
         Notes
         -----
-        Depths stay, disparities are divided by the factor. The center of the first block is
-        (factor - 1) / 2 pixels from that of the first pixel, so ``cx`` becomes
-        ``(cx + 0.5) / factor - 0.5``.
+        Depths stay the same; disparities are divided by the factor. The center of the first block
+        is (factor - 1) / 2 pixels from the center of the first pixel, so ``cx`` becomes ``(cx +
+        0.5) / factor - 0.5``.
         """
         n = as_integer("decimate", factor, least=1, most=min(self.width, self.height))
         return self._resized(1 / n, 1 / n, (self.width // n, self.height // n))
 
     @property
     def q(self) -> NDArray[np.float64]:
-        """OpenCV's matrix Q of this pair, (4, 4): what ``cv2.reprojectImageTo3D`` takes."""
+        """OpenCV's matrix Q of this pair, (4, 4), as ``cv2.reprojectImageTo3D`` takes it."""
         (fx, _, cx), (_, fy, cy), _ = self.cam0
         row, inverse = fx / fy, 1 / self.baseline
 
@@ -232,7 +232,7 @@ class Calibration:
         )
 
     def _repr_html_(self) -> str:
-        """Show the fields as a table in notebooks; matrices by focal length and center."""
+        """Show the fields as a table in notebooks, matrices by focal length and center."""
         cameras = {
             name: f"f {fx:.6g} x {fy:.6g} px, center ({cx:.6g}, {cy:.6g})"
             for name, ((fx, _, cx), (_, fy, cy), _) in (("cam0", self.cam0), ("cam1", self.cam1))
@@ -248,7 +248,7 @@ class Calibration:
         return self.cam0[0][0]
 
     def in_meters(self) -> Self:
-        """Return the same with the baseline in m; one whose unit is not known counts as in m."""
+        """Return the same with the baseline in m; an unknown unit counts as m."""
         return replace(self, baseline=self.baseline * meters_in(self.unit or "m"), unit="m")
 
     def scaled(self, width: int, height: int) -> Self:
@@ -262,7 +262,7 @@ class Calibration:
         Raises
         ------
         ValueError
-            If the images have other proportions, by more than a pixel: they are cut, not scaled.
+            If the proportions differ by more than a pixel: such images are cropped, not scaled.
         """
         if not fits((self.width, self.height), (width, height)):
             raise ValueError(
@@ -292,12 +292,12 @@ class Calibration:
         )
 
     def check_size(self, shape: tuple[int, ...]) -> None:
-        """Refuse a map or an image, of shape (H, W, ...), that is not of the calibrated size.
+        """Refuse a map or an image, shape (H, W, ...), of another size than the calibrated one.
 
         Raises
         ------
         ValueError
-            If the size is another one: f, cx, cy and doffs hold for one size only.
+            If the size differs: f, cx, cy and doffs hold for one size only.
         """
         if shape[:2] != (self.height, self.width):
             given = " x ".join(map(str, reversed(shape[:2])))
@@ -330,13 +330,13 @@ class Calibration:
 
         shift = given.astype(np.float64) + self.doffs
         in_front = np.isfinite(shift) & (shift > 0)
-        with np.errstate(over="ignore"):  # beyond float32 is infinitely far
+        with np.errstate(over="ignore"):  # values beyond float32 are infinitely far
             ahead = self.baseline * self.focal / np.where(in_front, shift, 1)
             return np.where(in_front, ahead, np.nan).astype(np.float32)
 
 
 def _checked_camera(name: str, matrix: ArrayLike) -> Camera:
-    """Return a matrix as rows of numbers, which compare and hash as arrays do not."""
+    """Return a matrix as rows of numbers, which compare and hash, unlike arrays."""
     rows = np.asarray(matrix, dtype=np.float64)
     if rows.shape != (3, 3) or not np.isfinite(rows).all() or rows[0, 0] <= 0:
         raise ValueError(
@@ -405,7 +405,7 @@ def fits(known: tuple[int, int], size: tuple[int, int]) -> bool:
 
 
 def of_middlebury(text: str) -> Calibration:
-    """Return the calibration that lines of ``name=value`` hold, matrices in brackets; mm.
+    """Return the calibration in lines of ``name=value``, with matrices in brackets; mm.
 
     Names that `Calibration` does not have are skipped (``isint``, ``dyavg``, ``dymax`` ...).
 
@@ -429,7 +429,7 @@ def of_middlebury(text: str) -> Calibration:
 
 
 def _parse_line(line: str, values: dict[str, Any]) -> None:
-    """Add what a line says to the values."""
+    """Add the value of a line to the values."""
     if not line.strip():
         return
 

@@ -15,7 +15,7 @@ from phasestereo.io.limits import check_size
 COLMAP = ".bin"
 """The suffix of these files: ``NAME.geometric.bin`` and ``NAME.photometric.bin``."""
 
-_HEADER = 64  # bytes: three numbers and what separates them are fewer
+_HEADER = 64  # bytes: three numbers and their separators are fewer
 _CHANNELS = 1, 3
 
 
@@ -63,14 +63,14 @@ def read_colmap(path: StrPath) -> NDArray[np.float32]:
 
 
 def write_colmap(path: StrPath, values: NDArray[Any]) -> None:
-    """Write a depth map (H, W) or normals (H, W, 3) as COLMAP has them; 0 elsewhere.
+    """Write a depth map (H, W) or normals (H, W, 3) in COLMAP's format, 0 where missing.
 
     Raises
     ------
     OSError
         If the file cannot be written.
     ValueError
-        If the suffix or the shape is another.
+        If the suffix or the shape is wrong.
     """
     if not os.fspath(path).lower().endswith(COLMAP):
         raise ValueError(f"path of a map of COLMAP must end in {COLMAP}, got {os.fspath(path)!r}")

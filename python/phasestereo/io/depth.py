@@ -1,4 +1,4 @@
-"""Depth maps: a 16-bit PNG, as RGB-D data sets have them, or floats."""
+"""Depth maps: 16-bit PNG, as in RGB-D data sets, or floats."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ LengthUnit: TypeAlias = Literal["mm", "cm", "m"]
 """A unit of length."""
 
 MILLIMETERS = 1000.0
-"""Units of a ``.png`` in a meter, unless something else is asked for."""
+"""Default units of a ``.png`` per meter."""
 
 FARTHEST = 65535.5
-"""Units of a ``.png`` from which on it has no depth: the first to round to 65536."""
+"""Units of a ``.png`` at which its range ends: the first value to round to 65536."""
 
 _PER_METER: dict[str, float] = {"mm": 1000, "cm": 100, "m": 1}
 _PNG_START = 0.5
@@ -38,11 +38,11 @@ def read_depth(
         file of floats, in which anything not finite or not positive is "no depth"; or a ``.bin``
         of COLMAP.
     unit
-        The unit of the depths that are returned. It matters for ``.png`` alone: floats come as
-        they are stored, in whatever unit that is.
+        The unit of the returned depths. It matters only for ``.png``: floats are returned as
+        stored, in whatever unit that is.
     depth_scale
-        Units of a ``.png`` in a meter, more than 0: 1000 of millimeters, 256 of KITTI's, 5000 of
-        TUM's.
+        Units of a ``.png`` per meter, more than 0: 1000 for millimeters, 256 for KITTI, 5000 for
+        TUM.
 
     Returns
     -------
@@ -81,18 +81,18 @@ def write_depth(
     Parameters
     ----------
     path
-        The file; an existing one is replaced, and only once the new one is complete.
+        The file; an existing one is replaced once the new one is complete.
     depth
         float32 or float64 (rounded to float32), shape (H, W), positive; NaN elsewhere.
     unit
-        The unit of the depths, as `Calibration.unit` has it. A ``.png`` needs it; floats are
-        written as they are.
+        The unit of the depths, as in `Calibration.unit`. A ``.png`` needs it; floats are written as
+        they are.
     depth_scale
-        Units of a ``.png`` in a meter, more than 0; 1000 are millimeters. It holds whole ones, 1 to
-        65535: depths are rounded to them, and those below half a unit and from 65535.5 units on
-        become 0, "no depth", as depth cameras do with what is out of their range. These are 65.5 m
-        at 1000 (millimeters), 256 m at 256 (KITTI) and 13.1 m at 5000 (TUM); the other formats hold
-        any depth.
+        Units of a ``.png`` per meter, more than 0; 1000 means millimeters. It holds whole units, 1
+        to 65535: depths are rounded; those below half a unit and from 65535.5 units on become 0,
+        "no depth", as depth cameras mark depths out of range. This limit is 65.5 m at 1000
+        (millimeters), 256 m at 256 (KITTI) and 13.1 m at 5000 (TUM); the other formats hold any
+        depth.
 
     Raises
     ------
@@ -100,7 +100,7 @@ def write_depth(
         If the map is not an array of float32 or float64.
     ValueError
         If its shape is not (H, W), it holds infinities or depths <= 0, the suffix or the unit is
-        unknown, a ``.png`` is given none, or not a single one of the depths is in its range.
+        unknown, a ``.png`` gets no unit, or no depth is in its range.
     OSError
         If the file cannot be written.
     ImportError
@@ -129,7 +129,7 @@ def write_depth(
 
 
 def _encode(depth: NDArray[np.float64], per_meter: float) -> NDArray[np.uint16]:
-    """Round to whole units, halves up; 0 for NaN and for what is out of range."""
+    """Round to whole units, halves up; NaN and values out of range become 0."""
     held = (depth >= _PNG_START) & (depth < FARTHEST)
     known = depth[~np.isnan(depth)]
     if known.size and not held.any():

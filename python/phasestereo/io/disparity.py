@@ -63,12 +63,11 @@ def write_disparity(path: StrPath, disparity: NDArray[np.floating[Any]]) -> None
     Parameters
     ----------
     path
-        The file; an existing one is replaced, and only once the new one is complete.
+        The file; an existing one is replaced once the new one is complete.
     disparity
         float32 or float64 (rounded to float32), shape (H, W), pixels; NaN where there is no
-        estimate. For ``.png``, which keeps them to 1/512 pixel, disparities must lie in
-        [0, 65535.5/256); those below 1/512 become 1/256, as in KITTI's own writer, since 0
-        stands for "no estimate".
+        estimate. A ``.png`` keeps them to 1/512 pixel; they must lie in [0, 65535.5/256), and those
+        below 1/512 become 1/256, as in KITTI's own writer, since 0 means "no estimate".
 
     Raises
     ------
@@ -102,7 +101,7 @@ def read_truth(path: StrPath, *, scale: float, unknown: int | None = 0) -> NDArr
         Gray levels per pixel of disparity, greater than 0: 16 for tsukuba, 8 for venus, 4 for
         cones and teddy, 3 for the third-size scenes of 2005 and 2006.
     unknown
-        The gray level that stands for "unknown"; None if none does.
+        The gray level that means "unknown"; None: no level does.
 
     Returns
     -------

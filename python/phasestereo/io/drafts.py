@@ -1,9 +1,9 @@
-"""Files under construction: a draft beside the target, which it replaces once it is complete.
+"""Files under construction: a draft next to the target replaces it once it is complete.
 
-There are two kinds. What is written in one go goes to a hidden draft, `.phasestereo-*.part`, which
-its process keeps locked: one that is not locked was left by a process that died, and
-`remove_abandoned` may delete it. What grows for hours, a recording, goes to a draft whose name
-shows, `NAME.*.part.SUFFIX`: after a crash it holds all that there is, so nobody deletes it.
+There are two kinds. Files written in one go use a hidden draft, `.phasestereo-*.part`, which its
+process keeps locked: an unlocked one was left by a dead process, and `remove_abandoned` may delete
+it. Files that grow for hours, such as recordings, use a visible draft, `NAME.*.part.SUFFIX`: after
+a crash it holds all the data, so nobody deletes it.
 """
 
 from __future__ import annotations
@@ -29,16 +29,16 @@ DRAFTS = ".phasestereo-*.part"
 
 @contextmanager
 def replacing(path: StrPath, *, flush: bool = False) -> Iterator[BinaryIO]:
-    """Open a draft in the file's folder; it takes the file's place when the block ends well.
+    """Open a draft in the file's folder; it replaces the file when the block succeeds.
 
-    A file that is replaced keeps its mode.
+    A replaced file keeps its mode.
 
     Parameters
     ----------
     path
         The file.
     flush
-        Whether it is to be on the disk before that, so that a power cut leaves it or the old one.
+        Whether to write it through to the disk first, so that a power cut leaves it or the old one.
 
     Raises
     ------
@@ -61,7 +61,7 @@ def replacing(path: StrPath, *, flush: bool = False) -> Iterator[BinaryIO]:
     except OSError as error:
         if error.errno is None or error.filename is not None:
             raise
-        # As on a full disk, where the message of the system names no file.
+        # For example on a full disk, where the system's message names no file.
         raise OSError(error.errno, error.strerror, os.fspath(path)) from error
     finally:
         draft.unlink(missing_ok=True)
@@ -70,7 +70,7 @@ def replacing(path: StrPath, *, flush: bool = False) -> Iterator[BinaryIO]:
 
 
 def replace_text(path: StrPath, text: str, *, errors: str = "strict") -> None:
-    """Write a file of UTF-8 as `replacing` does; errors as those of `str.encode`.
+    """Write a UTF-8 file as `replacing` does; `errors` as in `str.encode`.
 
     Raises
     ------
@@ -82,7 +82,7 @@ def replace_text(path: StrPath, text: str, *, errors: str = "strict") -> None:
 
 
 def draft_of(path: StrPath, suffixes: Sequence[str], what: str) -> tuple[Path, Path]:
-    """Return the file that a path names, and the draft of a recording beside it, not made yet.
+    """Return the file that a path names, and a recording's draft next to it, not created yet.
 
     Raises
     ------
@@ -98,13 +98,13 @@ def draft_of(path: StrPath, suffixes: Sequence[str], what: str) -> tuple[Path, P
 
     target = target_of(path)
     draft = growing(target)
-    _created(draft).close()  # only trying shows all that can go wrong
+    _created(draft).close()  # only a trial shows every possible failure
     draft.unlink()
     return target, draft
 
 
 def growing(target: Path) -> Path:
-    """Return a name for the draft of a recording, beside its final name."""
+    """Return a name for the draft of a recording, next to its final name."""
     return target.with_name(f"{target.stem}.{secrets.token_hex(4)}.part{target.suffix}")
 
 
@@ -125,10 +125,10 @@ def publish(draft: Path, target: Path) -> None:
 def remove_abandoned(folder: Path) -> None:
     """Remove the hidden drafts in a folder whose processes have died.
 
-    Where the system or the file system has no locks, none can be checked: all stay.
+    Without locks in the system or the file system, drafts cannot be checked: all stay.
     """
     for draft in folder.glob(DRAFTS):
-        with suppress(OSError):  # locked, a folder or of another user: not for us to remove
+        with suppress(OSError):  # locked, a folder or another user's: not ours to remove
             number = os.open(draft, os.O_RDWR | getattr(os, "O_NOFOLLOW", 0))
             try:
                 if _lock(number):
@@ -138,27 +138,27 @@ def remove_abandoned(folder: Path) -> None:
 
 
 def _locked_draft(folder: Path) -> tuple[Path, BinaryIO, int | None]:
-    """Return a new draft, opened, and what keeps its lock until it has its name."""
+    """Return a new open draft, and the handle that keeps its lock until it has its name."""
     while True:
         draft = folder / DRAFTS.replace("*", secrets.token_hex(8))
         file = _created(draft)
         if fcntl is None:
             return draft, file, None
 
-        # A copy of the descriptor keeps the lock when the file is closed, which may fail yet.
+        # A copy of the descriptor keeps the lock when the file is closed, which may still fail.
         number = os.dup(file.fileno())
         with suppress(BlockingIOError, FileNotFoundError):
             _lock(number)
             draft.stat()
             return draft, file, number
 
-        # `remove_abandoned` came between its making and its lock.
+        # `remove_abandoned` deleted it between its creation and its lock.
         file.close()
         os.close(number)
 
 
 def _lock(number: int) -> bool:
-    """Lock an open file for as long as it is open; return whether there are such locks.
+    """Lock an open file until it is closed; return whether there are such locks.
 
     Raises
     ------
@@ -175,7 +175,7 @@ def _lock(number: int) -> bool:
 
 
 def _created(draft: Path) -> BinaryIO:
-    """Open a new file; an error names its folder, which is to blame and which the caller knows."""
+    """Open a new file; an error names its folder, the cause, which the caller knows."""
     try:
         return draft.open("xb")
     except OSError as error:

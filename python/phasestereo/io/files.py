@@ -1,4 +1,4 @@
-"""Files as the formats need them: looked at before they are opened, and opened to be decoded."""
+"""Files for the formats: checked before they are opened, then opened for decoding."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ StrPath: TypeAlias = str | os.PathLike[str]
 
 
 def open_regular(path: StrPath) -> BinaryIO:
-    """Open a file to read it, if it is a regular one: a FIFO would block, a device has no end.
+    """Open a file for reading if it is regular: a FIFO would block, a device has no end.
 
     Raises
     ------
     OSError
         If it cannot be opened, or is something else.
     """
-    refuse_special(path, Path(path).stat().st_mode)  # some devices do things when they are opened
+    refuse_special(path, Path(path).stat().st_mode)  # some devices act when they are opened
     file = open(path, "rb", opener=_open_without_waiting)  # noqa: SIM115 -- the caller closes it
 
-    # Between the two looks another file may have taken the name.
+    # Another file may have taken the name between the two checks.
     try:
         refuse_special(path, os.fstat(file.fileno()).st_mode)
     except BaseException:
@@ -40,13 +40,13 @@ def _open_without_waiting(name: str, flags: int) -> int:
 
 
 def refuse_special(path: StrPath, mode: int) -> None:
-    """Refuse what is neither a regular file nor a folder, by its mode as `os.stat` has it."""
+    """Refuse anything but regular files and folders, by the mode from `os.stat`."""
     if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
         raise OSError(errno.EINVAL, "not a regular file (a FIFO, device or socket)", str(path))
 
 
 def read_bounded(file: BinaryIO, most: int) -> bytes:
-    """Read a small file whole, or refuse it by its size.
+    """Read a small file completely, or refuse it by its size.
 
     Raises
     ------
@@ -56,18 +56,18 @@ def read_bounded(file: BinaryIO, most: int) -> bytes:
     size = os.fstat(file.fileno()).st_size
     if size > most:
         raise ValueError(f"has more than the {most} bytes that such a file is read to")
-    return file.read(size)  # which takes as much memory as it is asked for
+    return file.read(size)  # which allocates the size it is asked for
 
 
 def check_head(path: StrPath, head: bytes) -> None:
-    """Refuse what is not a regular file that begins so, before a library opens it by its name.
+    """Refuse anything but a regular file with this start, before a library opens it by name.
 
     Raises
     ------
     OSError
         If it cannot be opened, or is not a regular file.
     ValueError
-        If it begins otherwise.
+        If it begins differently.
     """
     with open_regular(path) as file:
         if file.read(len(head)) != head:
@@ -76,7 +76,7 @@ def check_head(path: StrPath, head: bytes) -> None:
 
 @contextmanager
 def decoding(path: StrPath) -> Iterator[BinaryIO]:
-    """Open a file to decode it; what a decoder raises on bad content becomes a ValueError.
+    """Open a file for decoding; a decoder's error on bad content becomes a ValueError.
 
     Raises
     ------
@@ -91,7 +91,7 @@ def decoding(path: StrPath) -> Iterator[BinaryIO]:
 
 @contextmanager
 def named(name: str) -> Iterator[None]:
-    """Decode something in this block; what a decoder raises on bad content becomes a ValueError.
+    """Decode in this block; a decoder's error on bad content becomes a ValueError.
 
     Raises
     ------
@@ -99,7 +99,7 @@ def named(name: str) -> Iterator[None]:
         If the system cannot read.
     ValueError
         If a decoder raised anything else, or our code a ValueError; the message begins with the
-        name. Other errors of our code are bugs, and are raised as they are.
+        name. Other errors of our code are bugs, and pass unchanged.
     """
     try:
         yield
@@ -118,7 +118,7 @@ def named(name: str) -> Iterator[None]:
 def _is_a_bug(error: Exception) -> bool:
     """Return whether our own code raised an error that it never raises on purpose.
 
-    Functions in C that it calls, such as `struct.unpack`, raise errors of their own kind there.
+    C functions that it calls, such as `struct.unpack`, raise their own kinds of errors there.
     """
     trace = error.__traceback__
     while trace is not None and trace.tb_next is not None:
@@ -129,16 +129,16 @@ def _is_a_bug(error: Exception) -> bool:
 
 
 def is_of_the_system(error: Exception) -> bool:
-    """Return whether the system refuses a file, rather than that its content is at fault.
+    """Return whether the system refuses a file, rather than a decoder its content.
 
-    Decoders raise an OSError without a number for bad content, and the system answers an offset
-    that a file made up with EINVAL.
+    For bad content, decoders raise an OSError without a number; and the system answers EINVAL to an
+    offset that a file made up.
     """
     return isinstance(error, OSError) and error.errno not in (None, errno.EINVAL)
 
 
 def describe_error(error: Exception) -> str:
-    """Return an error in a line; errors of the system name their file."""
+    """Return an error as one line; system errors name their file."""
     if isinstance(error, OSError) and error.filename is not None:
         return f"{error.filename}: {error.strerror}"
     return str(error) or type(error).__name__
@@ -154,7 +154,7 @@ def target_of(
     path
         The file.
     kind, is_kind
-        What may be replaced if it has the name already: in words, and how it is recognized.
+        What may be replaced under this name: in words, and a test that recognizes it.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Folders of images: the views of a rig found in them, sorted as people count, and paired."""
+"""Folders of images: find the views of a rig, sort them in natural order, and pair them."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _SUFFIXES = (
     ".pfm",
     ".npy",
 )
-# How data sets and recorders name the folders of both views; in KITTI color comes before gray.
+# Folder names of both views in data sets and recorders; KITTI's color comes before gray.
 _VIEWS = (
     ("left", "right"),
     ("image_left", "image_right"),
@@ -40,15 +40,15 @@ _SWAPPED = {"left": "right", "LEFT": "RIGHT", "Left": "Right", "l": "r", "L": "R
 def paths_of_rig(folder: Path) -> list[tuple[Path, Path]]:
     """Find both views in one folder; return the left and the right file of each pair.
 
-    They are in subfolders, ``left`` and ``right`` or as KITTI and EuRoC name them, or in files
-    side by side whose names say ``left`` and ``right``, or ``L`` and ``R`` as a word.
+    They are in subfolders, named ``left`` and ``right`` or as in KITTI and EuRoC, or in one folder,
+    with ``left`` and ``right``, or ``L`` and ``R`` as words, in the file names.
 
     Raises
     ------
     OSError
         If the folder cannot be read.
     ValueError
-        If there is nothing of the kind.
+        If no such files are found.
     """
     for left, right in _VIEWS:
         if (folder / left).is_dir() and (folder / right).is_dir():
@@ -69,19 +69,19 @@ def paths_of_rig(folder: Path) -> list[tuple[Path, Path]]:
 
 
 def pair_paths(left: Path, right: Path) -> list[tuple[Path, Path]]:
-    """Return the files of two folders in pairs; of those without a partner, where it would be.
+    """Return the files of two folders in pairs; a missing partner gets the path it would have.
 
     Raises
     ------
     OSError, ValueError
-        If a folder cannot be read, holds no image, or another number of them and no name of the
-        other's.
+        If a folder cannot be read or holds no image, or if their numbers differ and they share no
+        name.
     """
     views = [images_of(folder) for folder in (left, right)]
     named = [{path.stem: path for path in view} for view in views]
 
     if named[0].keys() & named[1].keys():
-        # A frame of one view alone fails when it is read; the others keep their numbers.
+        # A frame with one view fails when it is read; the others keep their numbers.
         stems = sorted(named[0].keys() | named[1].keys(), key=_natural)
         return [
             (named[0].get(stem, left / stem), named[1].get(stem, right / stem)) for stem in stems
@@ -97,7 +97,7 @@ def pair_paths(left: Path, right: Path) -> list[tuple[Path, Path]]:
 
 
 def folders_of(folder: Path) -> list[Path]:
-    """Return the folders whose images are those of a folder, if it is opened: itself and views."""
+    """Return the folders whose images belong to a folder: itself and its views."""
     views = [folder / name for pair in _VIEWS for name in pair]
     return [folder, *(view for view in views if view.is_dir())]
 
@@ -107,7 +107,7 @@ def _partner(word: re.Match[str]) -> str:
 
 
 def images_of(folder: Path) -> list[Path]:
-    """Return the images of a folder, sorted as people count.
+    """Return the images of a folder in natural order.
 
     Raises
     ------

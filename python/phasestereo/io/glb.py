@@ -16,22 +16,22 @@ _TURNED = (1, -1, -1)  # glTF has Y up and looks along -Z
 
 
 def write_glb(path: StrPath, mesh: Mesh) -> None:
-    """Write a surface as a binary glTF file, its picture as the texture.
+    """Write a surface as a binary glTF file, textured with its picture.
 
     Parameters
     ----------
     path
-        The file, ``.glb``; an existing one is replaced, and only once the new one is complete.
+        The file, ``.glb``; an existing one is replaced once the new one is complete.
     mesh
-        The surface. As glTF asks, X is to the right, Y up and Z towards the viewer: it stands
-        upright in viewers. Corners that no triangle has are left out.
+        The surface. It is turned to glTF's axes, X right, Y up and Z towards the viewer, so it
+        stands upright in viewers. Corners without a triangle are dropped.
 
     Raises
     ------
     TypeError
         If mesh is not a `phasestereo.Mesh`.
     ValueError
-        If the suffix is another one, or there is no triangle.
+        If the suffix is wrong, or there is no triangle.
     OSError
         If the file cannot be written.
     ImportError
@@ -59,7 +59,7 @@ def _surface(mesh: Mesh) -> Any:
 
 
 def _texture(mesh: Mesh, used: np.ndarray[Any, Any]) -> Any:
-    """Return the picture as trimesh has it: corners have places in it, from the bottom left."""
+    """Return the picture as a trimesh texture: corners have places in it, from the bottom left."""
     if mesh.picture is None:
         return None
 

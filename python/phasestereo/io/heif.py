@@ -1,4 +1,4 @@
-"""HEIF, as telephones write it (HEIC), through pillow-heif."""
+"""HEIF, the format of phone photos (HEIC), through pillow-heif."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from numpy.typing import NDArray
 from phasestereo._extras import require
 from phasestereo.io.limits import check_size, check_unpacked
 
-# The first box of a file: its length, then its kind. MP4 begins so, too; the brand decides.
+# The first box of a file: its length, then its kind. MP4 begins the same way; the brand decides.
 HEIF_MAGICS = tuple(bytes([0, 0, 0, length]) + b"ftyp" for length in range(16, 68, 4))
 _BRANDS = b"heic", b"heix", b"heim", b"heis", b"mif1", b"msf1"
 
 
 def decode_heif(file: BinaryIO) -> NDArray[Any]:
-    """Decode the only picture of a file: uint8, or uint16 from more bits, gray or color.
+    """Decode the only picture of a file: uint8, or uint16 for more bits, gray or color.
 
-    Samples of 10 or 12 bits become the high bits of 16. Turns and mirrorings that the file asks for
-    are done, since they belong to the picture there.
+    Samples of 10 or 12 bits become the high bits of 16. Rotations and mirrorings that the file asks
+    for are applied, since in HEIF they belong to the picture.
 
     Raises
     ------
     ValueError
-        If it is another kind of file that begins alike, or holds several pictures.
+        If it is another kind of file with the same start, or holds several pictures.
     ImportError
         If pillow-heif is not installed.
     """
@@ -43,19 +43,19 @@ def decode_heif(file: BinaryIO) -> NDArray[Any]:
 def decode_spatial(file: BinaryIO) -> tuple[list[NDArray[Any]], float | None]:
     """Decode a spatial photograph: both views, as `decode_heif` does, and their focal length.
 
-    The group ``ster`` of ISO/IEC 23008-12 names the images, the left one first, in whatever order
-    they are in the file.
+    The group ``ster`` of ISO/IEC 23008-12 names the images, the left one first, in any order in the
+    file.
 
     Returns
     -------
     tuple
-        The views, none where there is no such group; the focal length in pixels, None where the
-        file has none, or the two differ.
+        The views, empty without such a group; the focal length in pixels, None if it is missing or
+        the two differ.
 
     Raises
     ------
     ValueError
-        If it is another kind of file that begins alike, or the group does not name two images,
+        If it is another kind of file with the same start, or the group does not name two images,
         which libheif checks.
     ImportError
         If pillow-heif is not installed.
@@ -78,14 +78,14 @@ def decode_spatial(file: BinaryIO) -> tuple[list[NDArray[Any]], float | None]:
 
 
 def _check(picture: Any, file: BinaryIO) -> None:
-    """Refuse a picture that is too large, or larger than the bytes of its file can hold."""
+    """Refuse a picture that is too large, or larger than its file can hold."""
     width, height = picture.size
     check_size(width, height)
     check_unpacked(width * height, file.seek(0, os.SEEK_END))  # gray ones have one sample
 
 
 def _opened(file: BinaryIO) -> Any:
-    """Return the images of a file by pillow-heif."""
+    """Open a file's images with pillow-heif."""
     brand = file.read(12)[8:]
     file.seek(0)
     if brand not in _BRANDS:

@@ -1,4 +1,4 @@
-"""Images: which format a file has, and what each format can hold."""
+"""Images: the format of a file, and the content that each format can hold."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from phasestereo.io.raster import RASTER_MAGICS, decode_raster, encode_raster
 from phasestereo.io.tiff import decode_tiff, encode_tiff
 from phasestereo.io.tiff_layout import TIFF_MAGICS
 
-# How a file starts -> what decodes it.
+# The first bytes of a file -> its decoder.
 _DECODERS: dict[tuple[bytes, ...], Callable[[BinaryIO], NDArray[Any]]] = {
     RASTER_MAGICS: decode_raster,
     TIFF_MAGICS: decode_tiff,
@@ -32,7 +32,7 @@ _DECODERS: dict[tuple[bytes, ...], Callable[[BinaryIO], NDArray[Any]]] = {
 _DTYPES = ("uint8", "uint16", "float32")
 _ANYTHING = {(dtype, count) for dtype in _DTYPES for count in (1, 3, 4)}
 
-# Suffix -> what encodes it, and the dtypes and numbers of channels that it holds.
+# Suffix -> its encoder, and the dtypes and numbers of channels that it holds.
 _ENCODERS: dict[str, tuple[Callable[[BinaryIO, Pixels], None], set[tuple[str, int]]]] = {
     ".png": (
         partial(encode_raster, image_format="PNG"),
@@ -51,7 +51,7 @@ _ENCODERS: dict[str, tuple[Callable[[BinaryIO, Pixels], None], set[tuple[str, in
 
 
 def read_image(path: StrPath) -> Pixels:
-    """Read an image with its samples exactly as they are stored.
+    """Read an image with its samples exactly as stored.
 
     The format is recognized by the content: PNG, PBM/PGM/PPM, JPEG, WebP, HEIF, BMP, TIFF,
     ``.npy`` or PFM.
@@ -64,30 +64,29 @@ def read_image(path: StrPath) -> Pixels:
     Returns
     -------
     ndarray
-        uint8, uint16 or float32 of shape (H, W) for gray, (H, W, 3) for RGB, (H, W, 4) for RGB
-        with alpha. A palette is looked up (one of grays gives a gray image), gray levels of 1, 2
-        or 4 bits become their share of 255, gray with alpha becomes RGB with alpha, float64
-        becomes float32.
+        uint8, uint16 or float32 of shape (H, W) for gray, (H, W, 3) for RGB, (H, W, 4) for RGB with
+        alpha. A palette is looked up (a gray one gives a gray image), gray levels of 1, 2 or 4 bits
+        are scaled to 255, gray with alpha becomes RGB with alpha, float64 becomes float32.
 
     Raises
     ------
     OSError
         If the file cannot be read.
     ValueError
-        If it is damaged or of another format; if it holds several images; if its samples are not
-        of the types above, or could not be read without loss; if it has more pixels than
-        `max_pixels` says (200 million), or is so short that it cannot hold what it claims.
+        If it is damaged or of another format; if it holds several images; if its samples are not of
+        the types above, or could not be read without loss; if it has more pixels than `max_pixels`
+        (200 million), or is too short for the size it claims.
     ImportError
         If the format needs the extra ``io``, or HEIF the extra ``heif``, and that is not installed.
 
     Notes
     -----
-    Samples are not interpreted: 10-bit values in a 16-bit file stay below 1024, and color
-    profiles, gamma and PNG's transparent color are ignored. Pictures are turned as the EXIF
-    orientation of a JPEG, PNG or WebP file or HEIF says, as viewers and ``cv2.imread`` do. HEIF of
-    more than 8 bits comes as the high bits of 16. Of a JPEG with previews or a gain map behind the
-    picture, the picture is read. TIFF is read uncompressed or with deflate or PackBits, and with
-    LZW when the package ``imagecodecs`` is installed; `read_geotiff` reads further compressions.
+    Samples are not interpreted: 10-bit values in a 16-bit file stay below 1024, and color profiles,
+    gamma and PNG's transparent color are ignored. Pictures are turned by the EXIF orientation of
+    JPEG, PNG and WebP files and by that of HEIF, as viewers and ``cv2.imread`` do. HEIF of more
+    than 8 bits is returned as the high bits of 16. From a JPEG with previews or a gain map behind
+    the picture, the picture is read. TIFF is read uncompressed or with deflate or PackBits, and
+    with LZW if the package ``imagecodecs`` is installed; `read_geotiff` reads further compressions.
     """
     with decoding(path) as file:
         head = file.read(8)
@@ -103,7 +102,7 @@ def read_image(path: StrPath) -> Pixels:
 
 
 def is_picture(path: StrPath) -> bool:
-    """Return whether a file begins as a picture for people does: no TIFF, array or PFM.
+    """Return whether a file begins like a picture for viewers: not TIFF, an array or PFM.
 
     Raises
     ------
@@ -132,7 +131,7 @@ def read_mask(path: StrPath | None, *, level: int = 1) -> NDArray[np.bool_] | No
 
 
 def as_image(samples: NDArray[Any]) -> Pixels:
-    """Check that decoded samples make an image, and give it its type and shape in memory."""
+    """Check that decoded samples form an image, and return it in its type and shape in memory."""
     if samples.shape[2:] == (1,):
         samples = samples[:, :, 0]
 
@@ -166,7 +165,7 @@ def write_image(path: StrPath, image: Pixels) -> None:
     Parameters
     ----------
     path
-        The file; an existing one is replaced, and only once the new one is complete.
+        The file; an existing one is replaced once the new one is complete.
     image
         uint8, uint16 or float32 of shape (H, W), (H, W, 3) or (H, W, 4).
 
@@ -175,7 +174,7 @@ def write_image(path: StrPath, image: Pixels) -> None:
     TypeError
         If the image is not an array of one of these dtypes.
     ValueError
-        If its shape is not an image's, the suffix is unknown, or the format cannot hold it.
+        If its shape is not that of an image, the suffix is unknown, or the format cannot hold it.
     OSError
         If the file cannot be written.
     ImportError

@@ -1,7 +1,7 @@
-"""How large what is read may be: bounds that a file of a few bytes cannot talk its way past.
+"""Limits on sizes that are read: bounds that a file of a few bytes cannot get around.
 
-A picture may have `max_pixels` pixels, which users can raise. Files that hold numbers in words are
-read to a size that none of their kind has.
+A picture may have `max_pixels` pixels, a limit that users can raise. Text files of numbers are read
+up to a size that none of their kind reaches.
 """
 
 from __future__ import annotations
@@ -11,22 +11,22 @@ import os
 from phasestereo._numbers import as_integer
 
 PIXELS = 200_000_000
-"""Pixels that a picture has at most, unless that is raised: more than any camera's."""
+"""The most pixels of a picture by default: more than any camera's."""
 
 UNPACKING = 1032
-"""What a byte unpacks to at most, in the formats of `phasestereo.io`: deflate's limit."""
+"""The most bytes that a byte unpacks to in the formats of `phasestereo.io`: deflate's limit."""
 
 SMALL = 2**20
-"""Bytes of a calibration or of a matrix at most; they have some hundreds."""
+"""The most bytes of a calibration or a matrix; they have some hundreds."""
 
 STATISTICS = 2**26
-"""Bytes of pair statistics at most, unpacked: a map of the tiles has one a tile."""
+"""The most bytes of pair statistics, unpacked: a map of the tiles has one per tile."""
 
 LIST = 2**28
-"""Bytes of a list of pairs at most: a million pairs or so."""
+"""The most bytes of a list of pairs: about a million pairs."""
 
 RECORD = 2**28
-"""Bytes of a record in a recording of a robot at most: a chunk of messages has some megabytes."""
+"""The most bytes of a record in a robot's recording: a chunk of messages has some megabytes."""
 
 _VARIABLE = "PHASESTEREO_MAX_PIXELS"
 _chosen: int | None = None
@@ -35,13 +35,13 @@ _chosen: int | None = None
 def max_pixels() -> int:
     """Return the limit on the pixels of a picture that is read as a whole.
 
-    200 million, unless `set_max_pixels` or the environment variable ``PHASESTEREO_MAX_PIXELS`` says
-    otherwise. Files that are read by windows (`phasestereo_large.outofcore`) may have any number.
+    200 million, unless `set_max_pixels` or the environment variable ``PHASESTEREO_MAX_PIXELS`` sets
+    another. Files that are read by windows (`phasestereo_large.outofcore`) may have any number.
 
     Raises
     ------
     ValueError
-        If the variable holds something else than a number from 1.
+        If the variable is not a number from 1.
     """
     if _chosen is not None:
         return _chosen
@@ -55,12 +55,12 @@ def max_pixels() -> int:
 
 
 def set_max_pixels(count: int | None) -> None:
-    """Set how many pixels a picture may have that is read as a whole, in this process.
+    """Set the most pixels of a picture that is read as a whole, for this process.
 
     Parameters
     ----------
     count
-        Pixels, from 1; None: as ``PHASESTEREO_MAX_PIXELS`` says, or 200 million.
+        Pixels, from 1; None: the value of ``PHASESTEREO_MAX_PIXELS``, or 200 million.
 
     Raises
     ------
@@ -74,7 +74,7 @@ def set_max_pixels(count: int | None) -> None:
 
 
 def check_size(width: int, height: int) -> None:
-    """Refuse a size that no picture has, or one above `max_pixels`."""
+    """Refuse an impossible size, or one above `max_pixels`."""
     if width < 1 or height < 1:
         raise ValueError(f"the header says {width} x {height} pixels: that is not an image")
     if width * height > (most := max_pixels()):
@@ -85,7 +85,7 @@ def check_size(width: int, height: int) -> None:
 
 
 def check_unpacked(needed: int, stored: int, ratio: int = UNPACKING) -> None:
-    """Refuse a picture that so few bytes cannot hold, before anything is allocated for it."""
+    """Refuse a picture that its few bytes cannot hold, before anything is allocated for it."""
     if needed > stored * ratio:
         raise ValueError(
             f"the header asks for {needed} bytes of samples, which the {stored} bytes that are "

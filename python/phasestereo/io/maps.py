@@ -1,4 +1,4 @@
-"""What disparity and depth maps have in common: float32 with NaN in memory, and their formats."""
+"""Common parts of disparity and depth maps: float32 with NaN in memory, and their formats."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _SUFFIXES = (*FLOAT_SUFFIXES, ".png")
 
 
 def known_suffix(path: StrPath, name: str, *more: str) -> str:
-    """Return the suffix of the path of a map, if it is that of a format of maps, or one more."""
+    """Return the suffix of a map's path, if it is a map format or one of `more`."""
     ending, known = suffix(path), (*_SUFFIXES, *more)
     if ending not in known:
         raise ValueError(
@@ -28,9 +28,9 @@ def known_suffix(path: StrPath, name: str, *more: str) -> str:
 
 
 def check_map(values: NDArray[np.floating[Any]], name: str) -> NDArray[np.float32]:
-    """Return a map as float32, if it is one."""
+    """Return a map as float32, if it is valid."""
     given = as_numbers(values, name, ("float32", "float64"))
-    with np.errstate(over="ignore"):  # what overflows is refused as infinite
+    with np.errstate(over="ignore"):  # overflows are refused as infinite
         checked = given.astype(np.float32)
     if np.isinf(checked).any():
         what = "estimate" if name == "disparity" else name

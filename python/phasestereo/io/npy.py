@@ -1,6 +1,6 @@
 """NumPy's ``.npy``, one array of plain numbers, and ``.npz``, a zip of these.
 
-Pickled objects are never loaded, and no zip is unpacked to more bytes than are allowed.
+Pickled objects are never loaded, and no zip is unpacked beyond a limit in bytes.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from phasestereo.io.limits import check_size
 
 _DTYPES = ("uint8", "uint16", "float32", "float64")
 _MAGIC = 8  # bytes before the length of the header
-_LONGEST_HEADER = 2**14  # bytes; one of an image has about 120
+_LONGEST_HEADER = 2**14  # bytes; an image has about 120
 _MOST_ARRAYS = 256
 _METHODS = zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED  # as NumPy writes; others may ask for gigabytes
 
@@ -31,8 +31,8 @@ def decode_npy(file: BinaryIO) -> NDArray[Any]:
     Raises
     ------
     ValueError
-        If the dtype is another, the header does not fit the amount of data, or asks for more
-        pixels than are read.
+        If the dtype is wrong, the header does not fit the amount of data, or asks for more pixels
+        than allowed.
     """
     shape, fortran_order, dtype = read_header(file)
     if dtype.name not in _DTYPES:
@@ -48,10 +48,10 @@ def decode_npy(file: BinaryIO) -> NDArray[Any]:
 
 
 def read_header(file: BinaryIO) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
-    """Read shape, whether columns come first, and dtype; the data begin where the file is then."""
+    """Read shape, whether columns come first, and dtype; leave the file at the data."""
     version = npy_format.read_magic(file)
 
-    # The length of the header stands before it, in 2 bytes up to version 1.0, in 4 later.
+    # The header begins with its length, in 2 bytes up to version 1.0, in 4 later.
     (length,) = struct.unpack("<I", file.read(4 if version > (1, 0) else 2).ljust(4, b"\0"))
     if length > _LONGEST_HEADER:
         raise ValueError(f"the .npy header has {length} bytes; at most {_LONGEST_HEADER} are read")
@@ -88,7 +88,7 @@ def decode_arrays(content: bytes, most: int) -> dict[str, NDArray[Any]]:
     content
         The file.
     most
-        Bytes that all arrays together may have.
+        The most bytes of all arrays together.
 
     Raises
     ------
@@ -98,7 +98,7 @@ def decode_arrays(content: bytes, most: int) -> dict[str, NDArray[Any]]:
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             entries = archive.infolist()
-            # No entry unpacks to more than the size that it claims.
+            # No entry unpacks to more than its claimed size.
             size = sum(entry.file_size for entry in entries)
             if size > most or len(entries) > _MOST_ARRAYS:
                 raise ValueError(

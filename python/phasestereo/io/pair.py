@@ -22,11 +22,11 @@ LAYOUTS: tuple[Layout, ...] = get_args(Layout)
 
 
 class LayoutError(ValueError):
-    """A picture cannot hold two views in this way."""
+    """A picture cannot hold two views in this layout."""
 
 
 class Photograph(NamedTuple):
-    """Both views of a stereo photograph, and their focal length in pixels (None: not known)."""
+    """Both views of a stereo photograph, and their focal length in pixels (None: unknown)."""
 
     left: Pixels
     right: Pixels
@@ -40,21 +40,20 @@ def read_pair(path: StrPath, layout: Layout | None = None) -> tuple[Pixels, Pixe
     ----------
     path
         The file, as `read_image` reads it. Files of two pictures are spatial photographs (HEIC, as
-        telephones and headsets take them), of which the group ``ster`` says which is the left one,
-        and MPO, as cameras with two lenses write, of which the first two pictures are read.
+        phones and headsets take them), whose group ``ster`` names the left one, and MPO, as cameras
+        with two lenses write; the first two pictures are read.
     layout
         Where one picture has both views: ``"side-by-side"``, left and right halves, or
-        ``"top-bottom"``, the left view above; of an odd number of columns, or rows, that in the
-        middle is left out. With ``"half-side-by-side"`` and ``"half-top-bottom"``, as of films,
-        each view was squeezed to half its width or height, and is widened again. With
-        ``"anaglyph"`` red is the left view and green the right one, as for glasses of red and cyan.
-        None: the file has two pictures.
+        ``"top-bottom"``, the left view above; the middle column or row of an odd number is dropped.
+        With ``"half-side-by-side"`` and ``"half-top-bottom"``, as in movies, each view was squeezed
+        to half its width or height, and is widened again. With ``"anaglyph"``, for red-cyan
+        glasses, the left view is red and the right one green. None: the file has two pictures.
 
     Returns
     -------
     tuple
-        The left and the right image, each as `read_image` returns it. Views that were recorded
-        crosswise are the other way round: exchange them.
+        The left and the right image, each as `read_image` returns it. Cross-eyed views come out
+        swapped: exchange them.
 
     Raises
     ------
@@ -68,7 +67,7 @@ def read_pair(path: StrPath, layout: Layout | None = None) -> tuple[Pixels, Pixe
 
 
 def read_photograph(path: StrPath, layout: Layout | None = None) -> Photograph:
-    """Read a stereo photograph as `read_pair` does, with the focal length that its file has."""
+    """Read a stereo photograph as `read_pair` does, with the focal length from its file."""
     if layout is not None:
         check_layout(layout)
         return Photograph(*views_of(read_image(path), layout))
@@ -78,14 +77,14 @@ def read_photograph(path: StrPath, layout: Layout | None = None) -> Photograph:
         file.seek(0)
         pictures: list[Pixels] = []
         focal = None
-        if head.startswith(b"\xff\xd8\xff"):  # an MPO file is a JPEG with more behind the first
+        if head.startswith(b"\xff\xd8\xff"):  # MPO: a JPEG with more behind the first
             pictures = [as_image(picture) for picture in decode_frames(file)]
         elif head.startswith(HEIF_MAGICS):
             found, focal = decode_spatial(file)
             pictures = [as_image(picture) for picture in found]
 
     if not pictures:
-        read_image(path)  # which names what is not an image at all
+        read_image(path)  # whose error names files that are not images
         raise ValueError(
             f"layout: got None for {os.fspath(path)}, and no right image; accepts a right image, "
             f"or for a file with both views {', '.join(LAYOUTS)}"
@@ -101,12 +100,12 @@ def read_photograph(path: StrPath, layout: Layout | None = None) -> Photograph:
 
 
 def check_layout(layout: str) -> None:
-    """Refuse what is not a layout.
+    """Refuse unknown layouts.
 
     Raises
     ------
     ValueError
-        If so.
+        If it is unknown.
     """
     if layout not in LAYOUTS:
         names = ", ".join(map(repr, LAYOUTS))
@@ -119,7 +118,7 @@ def views_of(picture: NDArray[Any], layout: Layout) -> tuple[NDArray[Any], NDArr
     Raises
     ------
     LayoutError
-        If it has less than two columns or rows there, or no colors for an anaglyph.
+        If the views would have fewer than two columns or rows, or an anaglyph has no colors.
     """
     size = f"{picture.shape[1]} x {picture.shape[0]}"
     if layout == "anaglyph":

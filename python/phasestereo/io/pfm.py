@@ -24,7 +24,7 @@ from phasestereo.io.pixels import channels
 
 _MAGICS = {1: b"Pf", 3: b"PF"}  # by the number of channels
 _HEADER = re.compile(rb"(P[fF])\s+(\S+)\s+(\S+)\s+(\S+)(?:\r\n|\s)")
-_HEADER_LIMIT = 256  # bytes; the longest header anyone writes has about 40
+_HEADER_LIMIT = 256  # bytes; the longest headers in use have about 40
 _COUNT = re.compile(rb"\d{1,10}")
 _SCALE = re.compile(rb"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 
@@ -41,7 +41,7 @@ def read_pfm(path: StrPath) -> NDArray[np.float32]:
     -------
     ndarray
         float32, shape (H, W) for ``Pf`` or (H, W, 3) for ``PF``, top row first. Samples are
-        returned to the bit as they are stored, inf and NaN included.
+        returned exactly as stored, to the bit, inf and NaN included.
 
     Raises
     ------
@@ -52,11 +52,11 @@ def read_pfm(path: StrPath) -> NDArray[np.float32]:
 
     Notes
     -----
-    Of the scale only the sign is used: negative means little endian. The format's description [1]_
+    Only the sign of the scale is used: negative means little endian. The format's description [1]_
     lets its magnitude be the physical unit of a sample, but the files of the stereo data sets hold
-    plain pixels whatever their scale says (Middlebury's say 0.003922, about 1/255, with
-    disparities that lie, unscaled, between the vmin and vmax of their calibration), so a sample is
-    never multiplied by it.
+    plain pixels regardless of the scale (Middlebury's have 0.003922, about 1/255, and disparities
+    that lie, unscaled, between the vmin and vmax of their calibration), so samples are never
+    multiplied by it.
 
     References
     ----------
@@ -71,7 +71,7 @@ def decode_pfm(file: BinaryIO) -> NDArray[np.float32]:
     shape, byte_order, start = _parse_header(file.read(_HEADER_LIMIT))
     expected = start + 4 * math.prod(shape)
     actual = os.fstat(file.fileno()).st_size
-    if actual != expected:  # compared before anything is allocated
+    if actual != expected:  # checked before anything is allocated
         raise ValueError(f"the header asks for {expected} bytes, but the file has {actual}")
 
     check_size(shape[1], shape[0])
@@ -106,7 +106,7 @@ def write_pfm(path: StrPath, array: NDArray[np.float32]) -> None:
     Parameters
     ----------
     path
-        The file; an existing one is replaced, and only once the new one is complete.
+        The file; an existing one is replaced once the new one is complete.
     array
         float32, shape (H, W) or (H, W, 3), top row first. Written to the bit, inf and NaN included.
 
@@ -115,7 +115,7 @@ def write_pfm(path: StrPath, array: NDArray[np.float32]) -> None:
     TypeError
         If the array is not a float32 array.
     ValueError
-        If its shape is not an image's.
+        If its shape is not that of an image.
     OSError
         If the file cannot be written.
     """

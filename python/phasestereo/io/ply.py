@@ -16,7 +16,7 @@ _POSITION = [("x", "<f4"), ("y", "<f4"), ("z", "<f4")]
 _COLOR = [("red", "u1"), ("green", "u1"), ("blue", "u1")]
 _BAR = [("near", "<f4"), ("far", "<f4"), ("uncertainty", "<f4")]
 _NAMES = {"<f4": "float", "u1": "uchar"}
-_CHUNK = 2**18  # vertices that are written at a time
+_CHUNK = 2**18  # vertices written at a time
 
 
 def write_ply(path: StrPath, cloud: PointCloud) -> None:
@@ -25,18 +25,18 @@ def write_ply(path: StrPath, cloud: PointCloud) -> None:
     Parameters
     ----------
     path
-        The file, ``.ply``; an existing one is replaced, and only once the new one is complete.
+        The file, ``.ply``; an existing one is replaced once the new one is complete.
     cloud
-        The points; each becomes a vertex of float x, y, z and, if there are colors, uchar red,
-        green, blue; if there are error bars, float near, far, which are the depths at their ends,
-        and uncertainty, half of the distance between these. Coordinates are written to the bit.
+        The points; each becomes a vertex of float x, y, z; with colors also uchar red, green, blue;
+        with error bars also float near and far, the depths at their ends, and uncertainty, half the
+        distance between these. Coordinates are written to the bit.
 
     Raises
     ------
     TypeError
         If cloud is not a `PointCloud`.
     ValueError
-        If the suffix is another one.
+        If the suffix is wrong.
     OSError
         If the file cannot be written.
 

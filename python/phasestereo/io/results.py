@@ -1,4 +1,4 @@
-"""The maps of a result in files: each in one of its own, or all of them in a ``.npz``."""
+"""The maps of a result in files: one file each, or all in a ``.npz``."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ def write_maps(path: StrPath, maps: Mapping[str, NDArray[Any]]) -> None:
     Parameters
     ----------
     path
-        The file, ``.npz``, as `numpy.load` reads it; an existing one is replaced, and only once the
-        new one is complete.
+        The file, ``.npz``, as `numpy.load` reads it; an existing one is replaced once the new one
+        is complete.
     maps
-        Arrays by their names; they are written to the bit.
+        Arrays by name; they are written to the bit.
 
     Raises
     ------
     TypeError
-        If what is to be written is not an array of numbers.
+        If a value is not an array of numbers.
     ValueError
-        If the suffix is another one.
+        If the suffix is wrong.
     OSError
         If the file cannot be written.
     """
@@ -58,16 +58,16 @@ def write_map(path: Path, name: str, values: NDArray[Any], place: Any = None) ->
         The file: for floats ``.pfm``, ``.npy``, ``.tif``, and ``.png`` for disparities; for flags
         ``.npy``, ``.tif``, ``.png``.
     name
-        Which map it is: "disparity" or one of `phasestereo.result.LAYERS`.
+        The name of the map: "disparity" or one of `phasestereo.result.LAYERS`.
     values
         The map.
     place
-        Where it lies, as `View.place` has it, which a TIFF keeps; None: not known.
+        Its georeference, as in `View.place`, which a TIFF keeps; None: unknown.
 
     Raises
     ------
     ValueError
-        If the format does not hold it.
+        If the format cannot hold it.
     OSError
         If the file cannot be written.
     """

@@ -1,4 +1,4 @@
-"""The images of a pair as files hold them: pixels, what of them is valid, and where they lie."""
+"""The images of a pair as read from files: pixels, masks of valid ones, and georeferences."""
 
 from __future__ import annotations
 
@@ -26,10 +26,9 @@ class View:
     mask
         bool (H, W), True = valid; None: all.
     place
-        Where on Earth it lies, a `phasestereo_large.geotiff.Georeference`; None: the file does not
-        say.
+        Its georeference, a `phasestereo_large.geotiff.Georeference`; None: the file has none.
     focal
-        Focal length in pixels that the file has; None: not known.
+        Focal length in pixels from the file; None: unknown.
     """
 
     image: NDArray[Any]
@@ -39,14 +38,14 @@ class View:
 
 
 def read_views(left: Path, right: Path, bands: tuple[int, ...] | None = None) -> tuple[View, View]:
-    """Read both images; those in GeoTIFF files with their masks and places.
+    """Read both images; GeoTIFF files with their masks and georeferences.
 
     Parameters
     ----------
     left, right
         The files.
     bands
-        The bands of GeoTIFF files to read, as `read_geotiff` has it.
+        The bands of GeoTIFF files to read, as `read_geotiff` takes them.
 
     Raises
     ------
@@ -64,7 +63,7 @@ def read_views(left: Path, right: Path, bands: tuple[int, ...] | None = None) ->
 
 
 def read_view(path: StrPath) -> View:
-    """Read an image; one in a GeoTIFF file with its mask and place.
+    """Read an image; a GeoTIFF file with its mask and georeference.
 
     Raises
     ------
@@ -75,7 +74,7 @@ def read_view(path: StrPath) -> View:
 
 
 def _read_geotiff(path: StrPath, bands: tuple[int, ...] | None = None) -> Any:
-    """Read a GeoTIFF file; without what that takes, say why other readers will not do."""
+    """Read a GeoTIFF file; if packages are missing, say why other readers will not do."""
     try:
         return geotiff().read_geotiff(path, bands=bands)
     except ImportError as error:

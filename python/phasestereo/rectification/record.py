@@ -1,4 +1,4 @@
-"""What a rectification is: two images whose rows correspond, and the maps that made them so."""
+"""The record of a rectification: two images with corresponding rows, and their maps."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ INTERPOLATIONS = {"linear": "INTER_LINEAR", "cubic": "INTER_CUBIC", "lanczos": "
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Rectification:
-    """A pair whose rows correspond, and how it was made so; it can be pickled and saved.
+    """A rectified pair and its maps; it can be pickled and saved.
 
     `phasestereo.match` takes it as ``match(r.left, r.right, left_mask=r.left_mask,
     right_mask=r.right_mask, ...)``.
@@ -45,32 +45,31 @@ class Rectification:
     Parameters
     ----------
     left, right
-        The rectified images, (H, W) or (H, W, 3), each of the type of its own one, both of the size
-        of the left one.
+        The rectified images, (H, W) or (H, W, 3), each with its original dtype, both of the left
+        one's size.
     left_mask, right_mask
-        bool (H, W): False where a rectified pixel lies outside the image that was given.
+        bool (H, W): False where a rectified pixel lies outside the original image.
     maps
         ``((left x, left y), (right x, right y))``, each float32 (H, W): the column and the row of
-        the given image, the right one at the size of the left one, at which a rectified pixel is
+        the original image, the right one at the left one's size, at which a rectified pixel is
         read, as ``cv2.remap`` takes them.
     Q
         OpenCV's matrix of the rectified pair, (4, 4), for `phasestereo.io.Calibration.from_q`.
-        None: not known, as without a calibration, which alone gives the scale of a scene.
+        None: unknown, as without a calibration, since images do not show the scale of a scene.
     method
-        ``"calibration"``, or ``"images"``: from what both images show, alone.
+        ``"calibration"``, or ``"images"``: from the images alone.
     interpolation
-        How images are read between their pixels: "linear", "cubic" or "lanczos".
+        The interpolation between pixels: "linear", "cubic" or "lanczos".
     error
-        By how much rows of the rectified pair do not correspond, root mean square, pixels: as
-        measured on the pair with a calibration, and as it is expected of the whole image without.
-        None: too little is in both images.
+        Root mean square error of the row correspondence, pixels: measured on the pair with a
+        calibration; without one, expected over the whole image. None: the images share too little.
     sentences
-        What was found, in plain words.
+        Findings, in plain words.
     vertical
-        Whether the right camera is below the left one: columns correspond then, and `match` takes
+        Whether the right camera is below the left one: then columns correspond, and `match` takes
         the pair with ``vertical=True``.
     unit
-        That of the baseline in `Q`; None: not known.
+        The unit of the baseline in `Q`; None: unknown.
 
     Examples
     --------
@@ -94,7 +93,7 @@ class Rectification:
 
     @property
     def calibration(self) -> Calibration | None:
-        """The geometry of the rectified pair, for depths and points; None: not known."""
+        """The geometry of the rectified pair, for depths and points; None: unknown."""
         if self.Q is None:
             return None
         rows, cols = self.left.shape[:2]
@@ -106,7 +105,7 @@ class Rectification:
         Parameters
         ----------
         left, right
-            Images as `phasestereo.match` takes them, the left one of the size of the first one.
+            Images as `phasestereo.match` takes them, the left one of the first pair's size.
 
         Returns
         -------
@@ -123,7 +122,7 @@ class Rectification:
         return warped((left, right), self.maps, self.interpolation)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return method, error and sentences as JSON has them."""
+        """Return method, error and sentences for JSON."""
         return {"method": self.method, "error": self.error, "sentences": list(self.sentences)}
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -149,19 +148,19 @@ class Rectification:
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Rectification:
-        """Read what `save` has written.
+        """Read a file written by `save`.
 
         Raises
         ------
         OSError
             If the file cannot be read.
         ValueError
-            If it is not such a file, or damaged.
+            If it is not such a file, or is damaged.
         """
         return _loaded(read_document(path), os.fspath(path))
 
     def __repr__(self) -> str:
-        """Show the size and what was found: arrays would say nothing."""
+        """Show the size and the sentences, not the arrays."""
         rows, cols = self.left.shape[:2]
         error = "rows not measured" if self.error is None else f"rows to {self.error:.2f} px"
         return f"<Rectification {cols}x{rows} from {self.method}, {error}>"
@@ -170,13 +169,13 @@ class Rectification:
 def read_calibration(
     source: CalibrationSource | Rectification | Cameras,
 ) -> Cameras | Rectification:
-    """Return the camera pair of a calibration, or a rectification that was saved.
+    """Return the camera pair of a calibration, or a saved rectification.
 
     Parameters
     ----------
     source
         As `phasestereo.io.rigs.reading.read_cameras` takes it, or the file of a rectification. A
-        camera pair or a rectification is returned as it is.
+        camera pair or a rectification is returned unchanged.
 
     Raises
     ------
@@ -212,14 +211,14 @@ def from_document(document: Document) -> Rectification:
     Raises
     ------
     KeyError, TypeError, ValueError
-        If it holds none.
+        If it holds no rectification.
     """
     plain = json.loads(str(document["plain"]))
     left, right, left_mask, right_mask = (document[name] for name in _IMAGES)
     x1, y1, x2, y2 = maps = [document[name] for name in MAPS]
     q, error = document.get("Q"), plain["error"]
 
-    # Files may come from anywhere: all is checked.
+    # Files may be hostile: everything is checked.
     as_views(left, right)
     size = left.shape[:2]
     if right.shape[:2] != size or any(
@@ -252,12 +251,12 @@ def from_document(document: Document) -> Rectification:
 def warped(
     images: tuple[ImageOrPath, ImageOrPath], maps: Maps, interpolation: Interpolation
 ) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return both images of a pair as their maps read them.
+    """Return both images of a pair, read at their maps.
 
     Raises
     ------
     TypeError, ValueError
-        If they are no pair, or of another size than the maps.
+        If they are not a pair, or differ in size from the maps.
     """
     cv2 = require("cv2", extra="rectify")
     pair = opened_alike(images).pair
@@ -274,7 +273,7 @@ def warped(
 def masks_of(
     maps: Maps, size: tuple[int, ...], given: tuple[ArrayLike | None, ArrayLike | None]
 ) -> tuple[Mask, Mask]:
-    """Return masks of rectified pixels that lie on valid pixels of images of this size.
+    """Return masks of rectified pixels that fall on valid pixels of images of this size.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""From two raw images to two whose rows correspond: by a calibration, or by what they show."""
+"""Turn two raw images into two with corresponding rows: by a calibration, or the images alone."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from phasestereo.rectification.record import (
 )
 from phasestereo.rig.diagnosis import check
 
-_OFF = 1.0  # rows: more than a calibration that fits leaves
+_OFF = 1.0  # rows: more than a fitting calibration leaves
 
 
 def rectify(
@@ -39,51 +39,52 @@ def rectify(
     left_mask: ArrayLike | None = None,
     right_mask: ArrayLike | None = None,
 ) -> Rectification:
-    """Rectify a stereo pair, so that what both images show lies on the same row of both.
+    """Rectify a stereo pair, so that a scene point lies on the same row of both images.
 
     Parameters
     ----------
     left, right
-        Images as `phasestereo.match` takes them, of two sizes and types, too: the right one is
-        brought to the size of the left one first.
+        Images as `phasestereo.match` takes them; sizes and types may differ: the right one is first
+        resampled to the left one's size.
     calibration
-        One of these; None: how the cameras stand to each other is estimated from the images alone.
+        One of these; None: the relative pose of the cameras is estimated from the images alone.
 
         - A file: OpenCV's YAML, XML or ``.npz`` with ``K1, D1, K2, D2, R, T`` or ``K1, D1, R1, P1,
           K2, D2, R2, P2``, or with maps for ``cv2.remap``, under any usual name
           (``cameraMatrix1``, ``M1``, ``mtxL`` ...); a camchain of Kalibr's; a saved rectification.
         - A pair of files (left, right): ROS's camera_info, EuRoC's ``sensor.yaml``; or two that
           complete each other, as ``intrinsics.yml`` and ``extrinsics.yml`` of OpenCV's sample.
-        - A folder: of ``.npy`` files so named, or with a pair of files as ``left.yaml``,
+        - A folder: of ``.npy`` files with these names, or with a pair of files such as
+        ``left.yaml``,
           ``right.yaml`` or ``cam0/sensor.yaml``, ``cam1/sensor.yaml``.
         - A mapping of matrices by name.
         - A `Rectification` of the same cameras.
     alpha
-        What of the images to keep, as ``cv2.stereoRectify`` has it: 0, only what is valid
+        How much of the images to keep, as in ``cv2.stereoRectify``: from 0, only pixels valid
         everywhere, to 1, all pixels. None: as the calibration has it, or OpenCV's default, -1. For
-        calibrations.
+        calibrations only.
     interpolation
-        How images are read between their pixels: "linear", "cubic" or "lanczos" (8 x 8 pixels).
-        None: linear with a calibration, which gives the bits that OpenCV's `remap` gives by
-        default; lanczos without.
+        The interpolation between pixels: "linear", "cubic" or "lanczos" (8 x 8 pixels). None:
+        linear with a calibration, to the same bits as OpenCV's `remap` by default; lanczos without
+        one.
     others
-        More pairs of the same cameras, whose left images are of the same size: without a
-        calibration all of them together show more than one does.
+        More pairs of the same cameras, with left images of the same size: without a calibration,
+        all of them together show more than one.
     left_mask, right_mask
-        bool (H, W), True = valid, of the images as they are given, each of its own size: rectified
-        pixels that are read from others are False in the masks of the result. None: all but NaN,
+        bool (H, W), True = valid, for the original images, each of its own size: rectified pixels
+        read from invalid ones are False in the masks of the result. None: all are valid but NaN,
         alpha 0 and no data.
 
     Returns
     -------
     Rectification
-        The images, masks of what lies outside, the maps to use again, and Q where it is known.
+        The images, masks of pixels outside the originals, the maps to use again, and Q if known.
 
     Raises
     ------
     TypeError, ValueError
-        For images or a calibration that are none, or do not fit each other; ValueError also if the
-        images alone do not show enough, which the message explains.
+        For images or a calibration that are invalid, or do not fit each other; ValueError also if
+        the images alone do not show enough; the message explains this.
     OSError
         If a file cannot be read.
     ImportError
@@ -93,8 +94,8 @@ def rectify(
     -----
     With a calibration the geometry is OpenCV's: ``stereoRectify``, ``initUndistortRectifyMap``,
     ``remap``. Without one, focal lengths, distortion, principal points and rotations are estimated
-    together, so that the rows of what both images show correspond. The scale of the scene is
-    unknown then, and little is known of the horizontal geometry: `Q` is None.
+    together, so that rows correspond. Then the scale of the scene is unknown, and the horizontal
+    geometry is nearly unknown: `Q` is None.
 
     Examples
     --------
@@ -125,7 +126,7 @@ def rectify(
 
 
 def _check_pairs(pairs: Sequence[tuple[Pixels, Pixels]]) -> None:
-    """Refuse pairs of several sizes, and pixels that are not finite."""
+    """Refuse pairs of different sizes, and non-finite pixels."""
     size = pairs[0][0].shape[:2]
     if any(pair[0].shape[:2] != size for pair in pairs):
         raise ValueError(f"others: got pairs of another size; accepts that of left, {size}")
@@ -172,7 +173,7 @@ def _rectified_again(
     known: Rectification,
     interpolation: Interpolation | None,
 ) -> Rectification:
-    """Return another pair rectified as the one before it."""
+    """Return another pair, rectified like the one before."""
     if known.maps[0][0].shape != (size := found.pair[0].shape[:2]):
         raise ValueError(
             f"calibration: got that of {known.maps[0][0].shape} pixels; accepts that of the "
@@ -185,11 +186,11 @@ def _rectified_again(
 
 
 def _measured(made: Rectification) -> Rectification:
-    """Return a rectification with what its images show of it: calibrations age."""
+    """Return a rectification with the row error measured on its images: calibrations age."""
     if not all(np.isfinite(image).all() for image in (made.left, made.right)):
-        return made  # where pixels are NaN, as masked ones may be, nothing is looked at
+        return made  # NaN pixels, which may be masked, are not examined
 
-    turns = int(made.vertical)  # columns are to correspond where one camera is above the other
+    turns = int(made.vertical)  # columns should correspond if one camera is above the other
     images = np.rot90(made.left, turns), np.rot90(made.right, turns)
     found = check(*images, self_rectify=False).alignment
     lines = "columns" if made.vertical else "rows"

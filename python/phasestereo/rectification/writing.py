@@ -1,4 +1,4 @@
-"""Calibrations of two cameras, written as other programs read them."""
+"""Write calibrations of two cameras in other programs' formats."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ FORMS: tuple[Form, ...] = get_args(Form)
 def written(
     path: StrPath, cameras: Mapping[str, Matrix], size: tuple[int, int], form: Form
 ) -> None:
-    """Write cameras that are known up to their distance.
+    """Write cameras that are known except for their distance.
 
     Parameters
     ----------
     path
-        The file; of "camera_info" the folder.
+        The file; for "camera_info" the folder.
     cameras
-        ``K1, D1, R1, P1, K2, D2, R2, P2`` as OpenCV has them.
+        ``K1, D1, R1, P1, K2, D2, R2, P2`` by OpenCV's names.
     size
         Rows and columns of the images.
     form
@@ -36,7 +36,7 @@ def written(
     Raises
     ------
     ValueError
-        If there is no such form.
+        If the form is unknown.
     OSError
         If a file cannot be written.
     """

@@ -1,1 +1,1 @@
-"""What is estimated of a pair: blur, rows, range, intensities; and what that means for a match."""
+"""Estimates from a pair (blur, rows, range, intensities), and their meaning for a match."""

@@ -1,4 +1,4 @@
-"""Vertical misalignment of a pair as it was found from the images: a smooth field of offsets."""
+"""Vertical misalignment of a pair, estimated from the images: a smooth field of offsets."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True, slots=True)
 class Alignment:
-    """The vertical offset v of the right image: what is at y in the left is at y + v there.
+    """The vertical offset v of the right image: a point at y in the left is at y + v there.
 
     With X and Y from -1 to 1 over the columns of the right and the rows of the left image, and
     R2 = X^2 + Y^2,
 
         v = c0 + c1 X + c2 Y + c3 X Y + c4 X^2 + c5 Y^2 + c6 Y R2 + c7 X R2
 
-    where c3 to c7, of keystone and lens distortion, are 0 unless they explain much. Where rows sway
-    from one to the next, as those of a rolling shutter that shakes, a spline of the row is added.
+    where c3 to c7, from keystone and lens distortion, are 0 unless they explain much. If rows sway
+    from one to the next, as with a shaking rolling shutter, a spline of the row is added.
 
     Parameters
     ----------
@@ -27,20 +27,20 @@ class Alignment:
     error
         Standard error of v, in pixels, root mean square over the image.
     blocks
-        Number of blocks, found in both images, that agree with it.
+        Number of blocks, found in both images, that agree with the field.
     spread
-        Robust standard deviation of these blocks from it, pixels.
+        Robust standard deviation of these blocks from the field, pixels.
     errors
-        Standard error of v in the middle of each sixteenth of the height, from the top, pixels
+        Standard error of v in the middle of each sixteenth of the height, from the top, pixels,
         root mean square over the columns.
     size
         Rows and columns of the images.
     applied
-        Whether the right image was straightened by it: resampled along its columns so that rows
-        correspond. False where v is next to nothing, or the match does not get better by it.
+        Whether the right image was straightened by the field: resampled along its columns so that
+        rows correspond. False if v is nearly 0, or the match does not improve.
     sway
         The factors of the spline of the row, pixels: 19 of a cubic B-spline with uniform knots a
-        sixteenth of the height apart. Empty: no such rows.
+        sixteenth of the height apart. Empty: rows do not sway.
 
     Examples
     --------
@@ -59,25 +59,27 @@ class Alignment:
 
     @property
     def vertical(self) -> float:
-        """Offset at the center, pixels: positive where the right image shows things lower."""
+        """Offset at the center, pixels: positive if things are lower in the right image."""
         return self.coefficients[0]
 
     @property
     def slope_x(self) -> float:
-        """Pixels per pixel along x, at the center: of a right image turned clockwise positive."""
+        """Pixels per pixel along x, at the center: positive if the right image is turned
+        clockwise."""
         return self.coefficients[1] / (self.size[1] / 2)
 
     @property
     def slope_y(self) -> float:
-        """Pixels per pixel along y, at the center: of a right image of larger scale positive."""
+        """Pixels per pixel along y, at the center: positive if the right image has a larger
+        scale."""
         return self.coefficients[2] / (self.size[0] / 2)
 
     @property
     def rotation(self) -> float:
         """Rotation of the right image against the left, degrees, clockwise as displayed.
 
-        A shear that raises one side looks just like it: their difference is horizontal, where the
-        scene's depth hides it.
+        A shear that raises one side looks the same: they differ only horizontally, where the
+        scene's depth hides the difference.
         """
         return float(np.rad2deg(np.arctan(self.slope_x)))
 
@@ -88,13 +90,14 @@ class Alignment:
 
     @property
     def rms(self) -> float:
-        """Root mean square of v over the image, pixels: what a matcher suffers from."""
+        """Root mean square of v over the image, pixels: the offset that harms a matcher."""
         y, x = (np.arange(0, length, max(1, length // 40)) for length in self.size)
         return float(np.sqrt(np.mean(self.offsets(x[np.newaxis], y[:, np.newaxis]) ** 2)))
 
     @property
     def residual(self) -> float:
-        """The offset that is left in the match, pixels rms: its error where it was evened out."""
+        """The offset left in the match, pixels rms: the error of v if the image was
+        straightened."""
         return self.error if self.applied else self.rms
 
     def offsets(self, x: NDArray[np.generic], y: NDArray[np.generic]) -> NDArray[np.float64]:

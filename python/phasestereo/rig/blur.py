@@ -1,8 +1,8 @@
-"""Which image is blurrier than the other, where, and by what: from the images alone.
+"""Relative blur of a pair: which image is blurrier, where and how, from the images alone.
 
-A match suffers from what the blur of the two images *differs* by. That can be seen without knowing
-what the images show: where both show the same, their power spectra differ by gain, by noise, and by
-the response of the relative blur.
+Only the *difference* of the two blurs harms a match. It can be measured without knowing the scene:
+where both images show the same, their power spectra differ by gain, noise, and the response of the
+relative blur.
 """
 
 from __future__ import annotations
@@ -19,37 +19,37 @@ from phasestereo._tables import as_html
 Side = Literal["none", "left", "right"]
 BlurKind = Literal["none", "gaussian", "disk", "motion", "annulus", "other"]
 
-# Of an annulus with a hole of 0.75; of one of half the radius 1.8.
+# For an annulus with a hole of 0.75; 1.8 for one of half the radius.
 _DIVISORS = {"gaussian": 1, "disk": 2, "annulus": 1.6, "other": math.sqrt(2), "none": math.inf}
-"""The size of a blur over its standard deviation along an axis."""
+"""The size of a blur divided by its standard deviation along an axis."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Blur:
-    """A kind of relative blur: what makes the sharper image as soft as the other.
+    """A kind of relative blur: it makes the sharper image as soft as the other.
 
     Parameters
     ----------
     side
-        The softer image; "none": both are alike.
+        The softer image; "none": both are equally sharp.
     kind
         The family of the point-spread function: "gaussian", "disk" (defocus), "motion" (straight,
-        at constant speed), "annulus" (defocus of a lens whose middle is covered, as a mirror lens
-        has it), or "other", which none of these explains.
+        at constant speed), "annulus" (defocus of a lens with a covered middle, such as a mirror
+        lens), or "other", which none of these explains.
     size
-        In pixels: the standard deviation of a Gaussian, the radius of a disk, the outer one of an
-        annulus, the length of a motion (1: no blur), the root mean square radius of another; 0 of
-        none.
+        In pixels: the standard deviation of a Gaussian, the radius of a disk, the outer radius of
+        an annulus, the length of a motion (1: no blur), the root mean square radius of "other"; 0
+        without blur.
     angle
         Direction of a motion in degrees, in [0, 180): 0 is along x, 90 along y, from x (right)
-        towards y (down); 0 of others.
+        towards y (down); 0 for other kinds.
     psf
         The point-spread function, float64 (n, n), n odd, sum 1: the sharper image convolved with it
         is as soft as the other one. None if there is no blur.
     other
-        The blur of the other image, where each is blurred in its own way, as of two cameras that
-        were shaken along different ways: each image convolved with the blur of the other one, they
-        are alike. None: the other image is sharp.
+        The blur of the other image, if each image has its own, such as with two cameras shaken
+        along different paths: each image convolved with the other one's blur, they look alike.
+        None: the other image is sharp.
 
     Examples
     --------
@@ -72,7 +72,7 @@ class Blur:
         return self.size / _DIVISORS[self.kind]
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the blur as JSON has it, without arrays."""
+        """Return the blur for JSON, without arrays."""
         plain = {name: getattr(self, name) for name in ("side", "kind", "size", "angle")}
         return plain | {"other": None if self.other is None else self.other.as_dict()}
 
@@ -92,41 +92,41 @@ class Blur:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BlurEstimate:
-    """The relative blur of two images, as estimated from them alone.
+    """The relative blur of two images, estimated from them alone.
 
     Parameters
     ----------
     blurs
-        The kinds of relative blur in the image, at least one, that of the largest area first.
+        The kinds of relative blur in the image, at least one, largest area first.
     labels
-        uint8 (rows, columns) of square tiles of the left image: the index into `blurs` of each.
+        uint8 (rows, columns) for square tiles of the left image: the index into `blurs` of each.
         Pixel (x, y) lies in the tile of row y // `tile` and column x // `tile`, or in the last one.
     tile
         Side of a tile in pixels.
     certainty
-        In [0, 1]: how much better the first of `blurs` explains its part of the images than its
-        contrary, that is not a blur, or the best of all blurs. Where disks follow depth: the share
-        that they explain of what areas with blurs of their own would.
+        In [0, 1]: how much better the first of `blurs` explains its part of the images than the
+        alternative: no blur, or, for "none", the best blur. If disks follow depth: their share of
+        the evidence that separate blurs per area would explain.
     contrast
-        Contrast of the left image relative to the right one, as the spectra have it.
+        Contrast of the left image relative to the right one, from the spectra.
     noise
         Standard deviations of the noise of the left and of the right image, in the unit of their
-        pixels (of the gray values 0.299 R + 0.587 G + 0.114 B of color images). Texture that is as
-        fine as noise counts as such.
+        pixels (for color images, of the gray values 0.299 R + 0.587 G + 0.114 B). Texture as fine
+        as noise counts as noise.
     gain, gamma
-        How intensities correspond, as fractions of their range: left = gain * right ** gamma. NaN
-        where too little corresponds.
+        Relation of the intensities, as fractions of their range: left = gain * right ** gamma. NaN
+        if too little corresponds.
     reused
-        Whether it is of an earlier frame, and was taken over since the blur of this one is as it
-        was: `phasestereo.Rig`, and `phasestereo_live.stream`.
+        Whether the estimate comes from an earlier frame, since the blur still looks the same:
+        `phasestereo.Rig`, and `phasestereo_live.stream`.
     impulses
-        By how much hot, dead and stuck pixels of the left and of the right image stand out from
-        their neighbors at least, in units of the pixels; 0 where there are none. The blur and the
-        noise are those of the images without them.
+        The least difference of hot, dead and stuck pixels of the left and of the right image from
+        their neighbors, in units of the pixels; 0 without such pixels. Blur and noise are estimated
+        without them.
     coding
-        What compression in blocks of 8 x 8 pixels (JPEG, video) has lost in the left and in the
-        right image: the standard deviation of a noise that would do as much harm, in units of the
-        pixels. Estimated at the borders of the blocks, wherever these begin; about 0 without any.
+        Loss by compression in blocks of 8 x 8 pixels (JPEG, video) in the left and in the right
+        image: the standard deviation of a noise that does the same harm, in units of the pixels.
+        Estimated at the borders of the blocks, wherever they begin; about 0 without compression.
 
     Examples
     --------
@@ -153,7 +153,7 @@ class BlurEstimate:
         return self.blurs[0]
 
     def as_dicts(self) -> list[dict[str, Any]]:
-        """Return the kinds as JSON has them, each with its share of the image."""
+        """Return the kinds for JSON, each with its share of the image."""
         return [
             blur.as_dict() | {"share": share}
             for blur, share in zip(self.blurs, self.areas(), strict=True)
@@ -175,7 +175,7 @@ class BlurEstimate:
         return as_html("BlurEstimate", numbers, ("Relative blur", "share of the image"), kinds)
 
     def areas(self) -> tuple[float, ...]:
-        """Return the share of the image that each of `blurs` has."""
+        """Return the share of the image of each of `blurs`."""
         counts = np.bincount(self.labels.ravel(), minlength=len(self.blurs))
         return tuple((counts / self.labels.size).tolist())
 

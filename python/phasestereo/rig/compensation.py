@@ -1,4 +1,4 @@
-"""Blur compensation: what both images are convolved with before their pixels are compared."""
+"""Blur compensation: the kernels that convolve both images before their pixels are compared."""
 
 from __future__ import annotations
 
@@ -18,38 +18,38 @@ Taps = NDArray[np.float32]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class BlurCompensation:
-    """The kernels that even out the blur that one image alone has, area by area.
+    """The kernels that even out the blur of only one image, area by area.
 
-    A blur that one image alone has is evened out by blurring the other one alike. Where the blur
-    differs over the image, so does what evens it out: each pixel of the left image is of a class,
-    and its code is that of the left image under the left kernel of its class. It is compared with
-    the codes of the right image under the right kernel of the same class.
+    The other image is blurred in the same way. Where the blur varies over the image, so do the
+    kernels: each pixel of the left image has a class, and its code is that of the left image under
+    the left kernel of its class. It is compared with the codes of the right image under the right
+    kernel of the same class.
 
-    Arrays are copied; the copies cannot be written to.
+    Arrays are copied; the copies are read-only.
 
     Parameters
     ----------
     noise
         Standard deviations of the noise of the left and of the right image, in units of their
-        pixels; those of gray values where the images have color. Read with ``noise_threshold > 0``
-        alone; a kernel does not change them.
+        pixels; for color images, of the gray values. Used only with ``noise_threshold > 0``; a
+        kernel does not change them.
     kernels
-        For each class, at most 16, a pair (left, right): what the images are convolved with, a 2-D
-        array of float32 or float64 with odd sides up to 129 whose center is the pixel itself, its
-        taps finite, not negative and of sum 1 within 0.001, by which they are divided; or None
-        where an image stays as it is. Taps are rounded to steps of 2^-14. The image continues by
-        reflection (d c b a | a b c d); masked pixels take the value of the nearest valid one of
-        their row before, as they do for all codes. Default: one class of images as they are.
+        For each class, at most 16, a pair (left, right): the kernel of each image, a 2-D array of
+        float32 or float64 with odd sides up to 129 whose center is the pixel itself. Its taps are
+        finite, not negative and of sum 1 within 0.001, and are divided by their sum; or None: the
+        image stays unchanged. Taps are rounded to steps of 2^-14. The image continues by reflection
+        (d c b a | a b c d); masked pixels take the value of the nearest valid pixel before them in
+        their row, as for all codes. Default: one class of unchanged images.
     impulses
-        By how much impulses of the left and of the right image stand out at least, in units of the
-        pixels: pixels beyond the range of their eight neighbors, without the largest and the
-        smallest of these, by more than that range and so much take the median of the neighbors,
-        before all else. 0: there are none. Default (0, 0).
+        The least difference of impulses in the left and in the right image, in units of the pixels:
+        a pixel is an impulse if it leaves the range of its eight neighbors, without the largest and
+        the smallest of these, by more than that range plus this difference. It takes the median of
+        the neighbors, before anything else. 0: no impulses. Default (0, 0).
     smoothing
         Standard deviations with which the left and the right image are smoothed before they are
         convolved and described, in units of the pixels: by a guided filter over 5 x 5 pixels, which
-        keeps what varies more (He, Sun and Tang, *Guided Image Filtering*, PAMI 2013). 0: not at
-        all. Default (0, 0).
+        keeps stronger variation (He, Sun and Tang, *Guided Image Filtering*, PAMI 2013). 0: no
+        smoothing. Default (0, 0).
     labels
         uint8 (rows, cols): the class of each square tile of the left image.
     tile
@@ -61,7 +61,7 @@ class BlurCompensation:
     TypeError
         If an argument has the wrong type or dtype.
     ValueError
-        If it has a wrong value or shape, or a label names no class.
+        If it has a wrong value or shape, or a label is not a class.
 
     Examples
     --------
@@ -78,7 +78,7 @@ class BlurCompensation:
     smoothing: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
-        """Copy the arrays and check every field, in the core, which owns the ranges."""
+        """Copy the arrays and check every field in the core, which defines the ranges."""
         object.__setattr__(self, "kernels", _as_kernels(self.kernels))
         object.__setattr__(self, "labels", _as_labels(self.labels))
         _core.check_blur_compensation(self)
@@ -104,7 +104,7 @@ def _as_taps(kernel: ArrayLike | None) -> Taps | None:
     if np.abs(taps).max(initial=0) > np.finfo(np.float32).max:
         raise ValueError("kernels: got a tap beyond float32; accepts a sum of 1 within 0.001")
 
-    # A frozen copy: what was checked stays as it was.
+    # A read-only copy: checked values stay as they are.
     copy = taps.astype(np.float32, order="C")
     copy.flags.writeable = False
     return copy

@@ -1,6 +1,6 @@
-"""The diagnosis of a pair: what keeps it from being matched well.
+"""The diagnosis of a pair: faults that spoil a match.
 
-Here belongs the record of what the core has measured, and said about it.
+This module holds the record of the core's measurements and sentences.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from phasestereo.rig.search_range import SearchRange
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Diagnosis:
-    """What `check` found out about a pair; printing it prints its sentences.
+    """The results of `check` for a pair; printing it prints its sentences.
 
     Parameters
     ----------
@@ -44,11 +44,11 @@ class Diagnosis:
     saturation
         Shares of the pixels at the ends of the scale, left and right.
     low_texture
-        Shares of the images, 0 to 1, with nothing but noise, left and right, or None.
+        Shares of the images, 0 to 1, with only noise, left and right, or None.
     intensity_range
         Length of the range of intensities, in the images' own unit.
     findings
-        What there is to say, in a fixed order of topics.
+        The findings, in a fixed order of topics.
 
     Examples
     --------
@@ -68,7 +68,7 @@ class Diagnosis:
     findings: tuple[Finding, ...]
 
     def __str__(self) -> str:
-        """Return one line a finding: its severity, and a sentence."""
+        """Return one line per finding: its severity, and a sentence."""
         return "\n".join(f"{found.severity}: {found.sentence}" for found in self.findings)
 
     def __repr__(self) -> str:
@@ -86,7 +86,7 @@ class Diagnosis:
         return as_html("Diagnosis", f"{cols} x {rows} pixels", heads, found, bold="warning")
 
     def as_dict(self) -> dict[str, Any]:
-        """Return everything as JSON has it; numbers that JSON does not have are None."""
+        """Return everything for JSON; numbers that JSON does not have become None."""
         search, alignment = self.search, self.alignment
         names = "vertical", "rotation", "scale", "rms", "error", "blocks"
         record = {
@@ -122,11 +122,10 @@ def check(left: ImageOrPath, right: ImageOrPath, *, self_rectify: bool = True) -
     Parameters
     ----------
     left, right
-        The images, as `phasestereo.match` takes them. They should be rectified, but need not be.
-        NaN is masked.
+        The images, as `phasestereo.match` takes them; rectified or not. NaN is masked.
     self_rectify
-        Whether a pair that is far from rectified is rectified first, as `match` does it, and a
-        finding says so; that takes seconds. False: the pair is diagnosed as it is.
+        Whether to rectify a pair that is far from rectified first, as `match` does; this takes
+        seconds, and a finding reports it. False: the pair is diagnosed as it is.
 
     Returns
     -------
@@ -134,9 +133,9 @@ def check(left: ImageOrPath, right: ImageOrPath, *, self_rectify: bool = True) -
         Relative blur, gain and gamma, noise, saturation, texture, vertical misalignment, whether
         the images are swapped, and the range of disparities to search, with a sentence on each.
         With ``self_rectify``, a copy of at most 0.4 megapixels is matched as well, and the first
-        finding warns if that match fails: estimates alone do not show how well a pair is matched.
-        What cannot be estimated, of images too small or too uniform, is None, and a sentence says
-        so. The result depends on the images alone.
+        finding warns if that match fails: estimates alone do not show the quality of a match.
+        Values that cannot be estimated, for images too small or too uniform, are None, and a
+        sentence reports this. The result depends only on the images.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What the core estimates of a pair before it matches it."""
+"""The core's estimates of a pair before a match."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from phasestereo.settings import Settings
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Estimates:
-    """What was estimated of a pair, and the settings and the compensation that suit it."""
+    """The estimates of a pair, and the settings and the compensation that suit it."""
 
     settings: Settings
     search: SearchRange

@@ -31,12 +31,12 @@ def estimate_blur(
     left, right, left_mask, right_mask, threads
         As `phasestereo.match` takes them.
     num_disparities, min_disparity
-        The disparities to search, as `phasestereo.match` takes them. None: they are found.
+        The disparities to search, as `phasestereo.match` takes them. None: found in the images.
 
     Returns
     -------
     BlurEstimate
-        "none", with certainty 0, for images below 64 x 64 pixels, or if nothing can be estimated.
+        "none", with certainty 0, for images below 64 x 64 pixels, or if estimation fails.
 
     Raises
     ------
@@ -45,17 +45,17 @@ def estimate_blur(
 
     Notes
     -----
-    The pair is matched at a quarter of its size, where little is left of the blur, to find blocks
-    of 64 x 64 pixels that show the same. To their power spectra the model
+    The pair is matched at a quarter of its size, where little of the blur is left, to find blocks
+    of 64 x 64 pixels that show the same. The model
 
         blurred = gain * |H|^2 * (sharp - its noise) + noise
 
-    is fitted for the responses H of Gaussians up to 8 px, disks and annuli up to 14 px and motions
-    up to 31 px; the fewest kinds that explain all blocks are kept, and neighboring tiles agree
-    unless the evidence says otherwise. Where no family explains the spectra well, the kernel is
-    measured: by least squares between the images, one warped onto the other after a match at half
-    their size.
-    Only the relative blur of the two images is found: of equally soft images it is "none".
+    is fitted to their power spectra, with the responses H of Gaussians up to 8 px, disks and annuli
+    up to 14 px and motions up to 31 px. The fewest kinds that explain all blocks are kept, and
+    neighboring tiles agree unless the evidence contradicts it. Where no family explains the spectra
+    well, the kernel is measured: by least squares between the images, one warped onto the other
+    after a match at half their size. Only the relative blur is estimated: for equally soft images
+    it is "none".
 
     Examples
     --------
@@ -65,7 +65,7 @@ def estimate_blur(
     _, pair, masks = opened_valid((left, right), (left_mask, right_mask))
 
     found = estimate_pair(pair, masks, (min_disparity, num_disparities), threads)
-    # The preset asks for a blur, so there is one.
+    # The preset requests blur estimation, so there is an estimate.
     return cast("BlurEstimate", found.blur)
 
 
@@ -77,6 +77,6 @@ def estimate_pair(
     *,
     self_rectify: bool = False,
 ) -> Estimates:
-    """Estimate of checked images what the default preset does; of the rectified ones if asked."""
+    """Estimate what the default preset does, for checked images; rectified first if requested."""
     settings = PRESETS["robust"]
     return _core.estimate_pair(pair, masks, search, settings, threads, self_rectify=self_rectify)

@@ -1,4 +1,4 @@
-"""What was found out about a pair or about its match, in plain words: the core's sentences."""
+"""Findings about a pair or its match, in plain words: the core's sentences."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Severity = Literal["ok", "note", "warning"]
 
 
 class MatchWarning(UserWarning):
-    """A match as a whole is not to be trusted: what `phasestereo.match` warns of.
+    """The warning of `phasestereo.match` that a match as a whole is not to be trusted.
 
     Examples
     --------
@@ -25,18 +25,18 @@ class MatchWarning(UserWarning):
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing that there is to say about a pair, or about a match.
+    """One fact about a pair, or about a match.
 
     Parameters
     ----------
     topic
         "match", "swap", "range", "alignment", "blur", "contrast", "noise", "coding", "saturation",
-        "texture", "repetition", "interlacing", "border", or "map" of a map that was verified, or of
-        a second one.
+        "texture", "repetition", "interlacing", "border", or "map" for a verified map or a second
+        one.
     severity
         "ok", "note" (worth knowing) or "warning" (to be fixed).
     sentence
-        Plain words, with numbers.
+        A plain sentence with numbers.
 
     Examples
     --------
@@ -50,12 +50,12 @@ class Finding:
 
 
 def untrusted(found: Iterable[Finding]) -> list[Finding]:
-    """Return those for which a match as a whole is not to be trusted."""
+    """Return the findings that distrust the match as a whole."""
     return [one for one in found if one.severity == "warning" and one.topic in DECISIVE_TOPICS]
 
 
 def warn(found: tuple[Finding, ...]) -> None:
-    """Warn of a match that is not to be trusted as a whole."""
+    """Warn if the match as a whole is not to be trusted."""
     grave = [one.sentence for one in untrusted(found)]
     if grave:
         warnings.warn("; ".join(grave), MatchWarning, stacklevel=3)

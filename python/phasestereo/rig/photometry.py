@@ -1,4 +1,4 @@
-"""What the gray values of a pair say, as the core has measured it."""
+"""The gray values of a pair, as measured by the core."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Saturation:
-    """Shares of an image's pixels, 0 to 1, a channel of which is at an end of the values it has.
+    """Shares of an image's pixels, 0 to 1, with a channel at an end of its range of values.
 
     Parameters
     ----------
     dark, bright
-        At the least and at the largest value.
+        At the smallest and at the largest value.
     """
 
     dark: float
@@ -21,7 +21,7 @@ class Saturation:
 
 @dataclass(frozen=True, slots=True)
 class Contrast:
-    """How the gray levels of the images correspond: ``left = gain * right ** gamma``.
+    """The relation of the gray levels of the images: ``left = gain * right ** gamma``.
 
     Parameters
     ----------
@@ -38,24 +38,24 @@ class Contrast:
 
 @dataclass(frozen=True, slots=True)
 class Photometry:
-    """What the gray values of a pair say; of two values, that of the left image comes first.
+    """Facts about the gray values of a pair; pairs of values are (left, right).
 
     Parameters
     ----------
     intensity_range
-        Black to white, in units of the pixels: what the bits in use can hold, or the range in which
-        floats lie but for 0.1 % at either end.
+        Black to white, in units of the pixels: the range of the bits in use, or for floats the
+        range of the values without 0.1 % at either end.
     saturation
         Pixels at the ends of the values.
     low_texture
-        Shares of the image, 0 to 1, with no texture along its rows; NaN: too narrow.
+        Shares of the image, 0 to 1, without texture along its rows; NaN: too narrow.
     smeared
-        Shares of the texture that is smeared, as by lossy compression, by denoising or by a soft
+        Shares of the texture that is smeared, such as by lossy compression, denoising or a soft
         lens; NaN: unknown.
     repeated
         Shares of the image whose texture repeats itself along its rows; NaN: too narrow.
     fields
-        By how many pixels odd rows are shifted against even ones; 0: they are not.
+        Shift of odd rows against even ones, in pixels; 0: none.
     contrast
         Gain and gamma; None: too little corresponds.
     """

@@ -1,4 +1,4 @@
-"""What a match makes of a pair that is far from rectified."""
+"""The rectified pair that a match makes from a pair far from rectified."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ class Rectified:
     Parameters
     ----------
     disparity
-        float32 (H, W), pixels: rectified left pixel (x, y) corresponds to rectified right pixel
-        (x - disparity, y). NaN as in `Result.disparity`. A depth goes by these.
+        float32 (H, W), pixels: rectified left pixel (x, y) corresponds to rectified right pixel (x
+        - disparity, y). NaN as in `Result.disparity`. Depths follow from these.
     rows
-        float32 (H, W), pixels: left pixel (x, y), as the image came, corresponds to right pixel
-        (x - ``result.disparity``, y + rows). NaN where there is no disparity.
+        float32 (H, W), pixels: original left pixel (x, y) corresponds to right pixel (x -
+        ``result.disparity``, y + rows). NaN where there is no disparity.
     maps
         ``((left x, left y), (right x, right y))``, each float32 (H, W): the column and the row of
-        the image as it came at which a rectified pixel is read, as ``cv2.remap`` takes them. NaN
-        where no ray of that camera comes from.
+        the original image at which a rectified pixel is read, as ``cv2.remap`` takes them. NaN
+        where the camera has no ray.
     calibration
-        The cameras as OpenCV has them: ``K1, D1, R1, P1, K2, D2, R2, P2``. `phasestereo.rectify`
-        takes it as a calibration, for other pairs of the same cameras. The focal length is hardly
-        known from two images, and their distance not at all.
+        The cameras by OpenCV's names: ``K1, D1, R1, P1, K2, D2, R2, P2``. `phasestereo.rectify`
+        takes it as a calibration, for other pairs of the same cameras. Two images hardly show the
+        focal length, and never the distance of the cameras.
     error
         Rows by which blocks of the rectified images differ, root mean square, pixels.
 

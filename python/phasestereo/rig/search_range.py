@@ -1,4 +1,4 @@
-"""Which disparities were searched, and why these."""
+"""The disparities that were searched, and why."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from typing import Literal
 
 @dataclass(frozen=True, slots=True)
 class LeftOut:
-    """A place whose disparities are not searched, although something seems to be there.
+    """A place that seems to have disparities outside the search range.
 
     Parameters
     ----------
     rows, columns
-        Where it is in the left image, half-open.
+        Its place in the left image, half-open.
     low, high
         Ends of its disparities, px.
 
@@ -47,31 +47,30 @@ class SearchRange:
         The disparities [min_disparity, min_disparity + num_disparities), with a margin if they were
         found.
     origin
-        "given" by the caller; "found" in the images; "default", a third of the width, if nothing is
-        found in them.
+        "given" by the caller; "found" in the images; "default", a third of the width, if the images
+        do not show a range.
     confidence
         Mean confidence, 0 to 1, of a rough match of small copies over these disparities; NaN if
         there was none.
-    low, high
-        Ends of what was found, pixels; NaN if they were not looked for. They are where the range
-        was not given, or matches badly as given.
+    Ends of the range that was found, pixels; NaN if it was not searched for. It is searched for if
+    no range was given, or if the given one matches badly.
     negative
-        Whether every part of the scene has a clearly negative disparity: the left image is given as
-        the right one, the images are cropped, or the cameras are so toed in that all of the scene
-        lies behind the point at which they look.
+        Whether every part of the scene has a clearly negative disparity: the images are swapped or
+        cropped, or the cameras are so toed in that the whole scene lies behind their crossing
+        point.
     swapped
-        Whether the scene shows that the left image is given as the right one, too: what is lower in
-        the image is farther, and what one camera alone sees is on the wrong side of near things.
+        Whether the scene also shows that the images are swapped: lower things in the image are
+        farther, and areas that only one camera sees are on the wrong side of near things.
     mixed
-        Whether disparities of both signs are clearly there, as with toed-in cameras.
+        Whether there are clearly disparities of both signs, as with toed-in cameras.
     inverted
-        Whether the images match once one of them is inverted, and not before: what is bright in one
-        is dark in the other. With ``compensate_blur``, the negative of the right one is matched.
+        Whether the images match only after one is inverted: bright in one is dark in the other.
+        With ``compensate_blur``, the negative of the right one is matched.
     identical
         Whether both images are the same, up to noise.
     left_out
-        Where something seems to have disparities that are not searched: too little of it to be
-        sure of where the range was found, all that small copies show where it was given.
+        Places that seem to have disparities outside the range: for a found range, those too small
+        to be sure; for a given one, all that small copies show.
 
     Examples
     --------

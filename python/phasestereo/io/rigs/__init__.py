@@ -1,6 +1,6 @@
-"""Calibrations of two cameras, as makers of cameras and of software write them.
+"""Calibrations of two cameras, in the formats of camera makers and software.
 
-Here belongs what reads them: files by their kind (`documents`), the names that people give matrices
-(`names`), files of one camera each (`singles`), the formats of makers (`makers`), the reader that
-chooses among them (`reading`), and the camera pair that comes out (`cameras`).
+This package holds their readers: files by kind (`documents`), the names that people give matrices
+(`names`), files of one camera each (`singles`), makers' formats (`makers`), the reader that chooses
+among them (`reading`), and the resulting camera pair (`cameras`).
 """

@@ -1,4 +1,4 @@
-"""Calibrations as people have them: which kind of file each is, and the cameras in it."""
+"""Calibrations in any format: detect the kind of each file, and read its cameras."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _SIZES = "imageSize", "image_size", "img_size", "resolution", "res1"
 _Q_NUMBERS = 16
 _SIDES = "image_width", "image_height"
 _FAULTS = AttributeError, IndexError, KeyError, OverflowError, TypeError, ValueError
-"""Errors of files of a known kind with missing or other contents."""
+"""Errors of files of a known kind with missing or wrong content."""
 
 
 def read_calibration(
@@ -55,24 +55,25 @@ def read_calibration(
         A file, a folder, or the files of both cameras, as `phasestereo.rectify` takes them:
         Middlebury's and KITTI's ``calib.txt``, FoundationStereo's ``K.txt``, OpenCV's, ROS's,
         Kalibr's, EuRoC's, ORB-SLAM's, OKVIS's, mrcal's, OAK's, ZED's, MATLAB's, COLMAP's,
-        Metashape's. Of a file with raw cameras it is the geometry of pairs that
+        Metashape's. A file of raw cameras gives the geometry of the pairs that
+        `phasestereo.rectify` makes with it.
         `phasestereo.rectify` makes by it.
     size
-        Columns and rows of the images; None: as the file has them. A calibration of images of
-        another size, but the same proportions, is scaled.
+        Columns and rows of the images; None: from the file. A calibration of images of another
+        size, but the same proportions, is scaled.
 
     Returns
     -------
     Calibration
-        Its `unit` is m where the format has one, mm of Middlebury's, and None where a format
-        leaves it open.
+        Its `unit` is m if the format defines one, mm for Middlebury's, and None if a format leaves
+        it open.
 
     Raises
     ------
     OSError
         If a file cannot be read.
     ValueError
-        If it holds no camera pair or no baseline, is of images of other proportions, or has no
+        If it holds no camera pair or no baseline, is for images of other proportions, or has no
         size and none is given.
     ImportError
         If the extra ``rectify`` is not installed, and the format needs it.
@@ -104,7 +105,7 @@ def read_geometry(
 
 
 def _q_alone(document: Document) -> Any:
-    """Return OpenCV's matrix Q of a file that has no cameras; None: the file has none."""
+    """Return OpenCV's matrix Q from a file without cameras; None: the file has none."""
     values = document.get(NUMBERS, ())
     if len(values) == _Q_NUMBERS:
         return np.reshape(values, (4, 4))
@@ -130,13 +131,13 @@ def read_cameras(source: CalibrationSource) -> Cameras:
     Parameters
     ----------
     source
-        A file or a folder; a pair of files, (left, right) or of things that complete each other;
-        or matrices by name.
+        A file or a folder; a pair of files, (left, right) or two that complete each other; or
+        matrices by name.
 
     Raises
     ------
     TypeError
-        If it is nothing of that.
+        If it is anything else.
     OSError
         If a file cannot be read.
     ValueError
@@ -154,7 +155,7 @@ def read_cameras(source: CalibrationSource) -> Cameras:
 
 
 def cameras_of_files(documents: list[Document], name: str) -> Cameras:
-    """Return the camera pair of what files hold; errors begin with their name.
+    """Return the camera pair in the contents of files; errors begin with their name.
 
     Raises
     ------
@@ -174,7 +175,7 @@ def _in_words(error: Exception) -> str:
 
 
 def read_documents(source: Any) -> tuple[list[str | os.PathLike[str]], list[Document]]:
-    """Return the one or two files that are meant, and what they hold by name.
+    """Return the paths of the one or two files, and their contents by name.
 
     Raises
     ------
@@ -186,12 +187,12 @@ def read_documents(source: Any) -> tuple[list[str | os.PathLike[str]], list[Docu
 
 
 def named_all(paths: Sequence[StrPath]) -> str:
-    """Return files as errors name them."""
+    """Return the names of files for errors."""
     return " and ".join(os.fspath(path) for path in paths)
 
 
 def _paths(source: Any) -> list[str | os.PathLike[str]]:
-    """Return the one or two files that are meant."""
+    """Return the paths of the one or two files."""
     if isinstance(source, Sequence) and len(source) == 1:
         source = source[0]
     if isinstance(source, str | os.PathLike):
@@ -212,7 +213,7 @@ def _paths(source: Any) -> list[str | os.PathLike[str]]:
 
 
 def cameras_of(documents: list[Document]) -> Cameras:
-    """Return the camera pair of what one or two files hold.
+    """Return the camera pair in the contents of one or two files.
 
     Raises
     ------
