@@ -142,9 +142,10 @@ def match(
 
     Warns
     -----
-    If the match as a whole is not to be trusted: much of it is probably wrong, the images seem
-    swapped or seem to show different scenes, or the range is too short. ``result.findings`` reports
-    this, too, and other useful facts.
+    MatchWarning
+        If the match as a whole is not to be trusted: much of it is probably wrong, the images seem
+        swapped or seem to show different scenes, or the range is too short. ``result.findings``
+        reports this, too, and other useful facts.
 
     Notes
     -----

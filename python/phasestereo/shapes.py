@@ -29,7 +29,7 @@ class PointCloud:
     TypeError
         If an array is not of its type.
     ValueError
-        If an array is not of its shape, a coordinate is not finite, or there is but one end.
+        If an array has the wrong shape, a coordinate is not finite, or only one end is given.
 
     Examples
     --------
@@ -43,7 +43,7 @@ class PointCloud:
     far: NDArray[np.float32] | None = None
 
     def __post_init__(self) -> None:
-        """Refuse what no file of points could hold."""
+        """Refuse data that no file of points could hold."""
         as_numbers(self.points, "points", ("float32",), ("N", 3), (0, 3))
         if not np.isfinite(self.points).all():
             raise ValueError("points: got infinity or NaN; accepts finite coordinates")
@@ -61,7 +61,7 @@ class PointCloud:
         return len(self.points)
 
     def __repr__(self) -> str:
-        """Show the number of points and how far away they are: arrays would say nothing."""
+        """Show the number of points and their distances, not the arrays."""
         depth = self.points[:, 2]
         span = f", depth {depth.min():.5g} to {depth.max():.5g}" if len(self) else ""
         return f"<PointCloud {len(self)} points{span}{'' if self.colors is None else ', colored'}>"
@@ -81,7 +81,7 @@ class Mesh:
     pixels
         float32 (N, 2): column and row of each corner in the picture.
     picture
-        uint8 (H, W, 3), RGB: what is on the surface; None: nothing.
+        uint8 (H, W, 3), RGB: the texture of the surface; None: no texture.
 
     Examples
     --------
@@ -95,5 +95,5 @@ class Mesh:
     picture: NDArray[np.uint8] | None
 
     def __repr__(self) -> str:
-        """Show the numbers of corners and triangles: arrays would say nothing."""
+        """Show the numbers of corners and triangles, not the arrays."""
         return f"<Mesh {len(self.points)} points, {len(self.faces)} triangles>"

@@ -1,8 +1,8 @@
-"""The stages of a match by themselves, each a function: to look at, or to build on.
+"""The stages of a match as separate functions, to inspect or to build on.
 
-In the order of the data: `descriptor`, the phase codes of an image; `cost_volume`, codes compared;
-`aggregate`, costs summed over windows; `optimize`, the disparity of every pixel. `match` itself
-never makes a volume.
+In the order of the data: `descriptor`, the phase codes of an image; `cost_volume`, the comparison
+of codes; `aggregate`, costs summed over windows; `optimize`, the disparity of every pixel. `match`
+itself never makes a volume.
 """
 
 from __future__ import annotations
@@ -38,17 +38,17 @@ def descriptor(
     Parameters
     ----------
     image
-        As `match` takes them.
+        As `match` takes it.
     mask
-        bool (H, W), True = valid; what the other pixels hold has no effect. None: all are valid.
+        bool (H, W), True = valid; the values of invalid pixels have no effect. None: all are valid.
     settings
         Settings to start from; None: the preset ``"paper"``. ``neighborhood``, ``taper``,
         ``frequencies``, ``power``, ``bits``, ``noise_threshold`` and ``sizes`` matter here.
     threads
         Number of threads; None: all processors of the process.
     noise
-        Standard deviation of the noise of the image, in units of its pixels; of its gray values
-        where it has color. Needed with ``noise_threshold > 0``, else without effect.
+        Standard deviation of the noise of the image, in units of its pixels; for a color image, of
+        its gray values. Needed with ``noise_threshold > 0``, ignored otherwise.
     **overrides
         Fields of `Settings` by name.
 
@@ -73,14 +73,13 @@ def descriptor(
     -----
     Pedone & Heikkilä 2008, eq. 3; arg in [-pi, pi), floor, F = 0 at level 0. The transform is
     computed in integers: its cosines are rounded to steps of about L / 1000, and those of one
-    frequency sum to zero. Floats that are no integers of one step are resolved in 4 million steps
-    of the range in which they lie, but for 0.1 % at either end (of large images: of an even
-    sample), and clamped four ranges beyond. A level may therefore differ from that of a
-    floating-point component which lies very near to a boundary: for natural images about one bit in
-    a thousand does.
+    frequency sum to zero. Floats that are not integer multiples of one step are resolved in 4
+    million steps of their range without 0.1 % at either end (in large images: of an even sample),
+    and clamped four ranges beyond. A level may therefore differ from that of a floating-point
+    component very near a boundary: in natural images, about one bit in a thousand differs.
 
     White noise of standard deviation s gives either part of every component the standard deviation
-    s sqrt(sum(w^2) / 2), w being the window: s L / sqrt(2) for the uniform one. A part is clear if
+    s sqrt(sum(w^2) / 2), with the window w: s L / sqrt(2) for the uniform one. A part is clear if
     its magnitude exceeds ``noise_threshold`` times that (with ``power=2`` the square of it),
     rounded to a whole step of the integers.
 
@@ -111,7 +110,7 @@ def cost_volume(
     left, right, num_disparities, min_disparity, threads, known
         As `match` takes them, `known` without ``before``.
     settings
-        Settings to start from; None: the preset ``"paper"``. ``cost`` and those it depends on
+        Settings to start from; None: the preset ``"paper"``. ``cost`` and its related settings
         matter here.
     **overrides
         Fields of `Settings` by name.
@@ -150,9 +149,9 @@ def aggregate(costs: ArrayLike, *, window: int = 9, shiftable: bool = True) -> N
         Side of the square window, odd, 1 to 63. Costs continue beyond the image by repeating its
         edge.
     shiftable
-        Whether the least of five sums counts, centered on the pixel and half a window above, below,
-        left and right of it, each center clamped into the image (Pedone & Heikkilä 2008, section
-        2.3); or the centered one alone.
+        Whether to take the least of five sums, centered on the pixel and half a window above,
+        below, left and right of it, each center clamped into the image (Pedone & Heikkilä 2008,
+        section 2.3); or only the centered one.
 
     Returns
     -------
@@ -162,7 +161,7 @@ def aggregate(costs: ArrayLike, *, window: int = 9, shiftable: bool = True) -> N
     Raises
     ------
     TypeError
-        If the costs are no uint16 array.
+        If the costs are not a uint16 array.
     ValueError
         If they are not 3-D, are empty, or the window is out of range.
 
@@ -189,19 +188,19 @@ def optimize(
     costs
         uint32 (H, W, D), as from `aggregate`, up to 2^28.
     p1, p2
-        What a change of the index by one, and by more, costs along a path, in the unit of the
-        costs: integers from 0 to 2^40. Those above 2^28 count as 2^28.
+        Cost of a change of the index by one, and by more, along a path, in the unit of the costs:
+        integers from 0 to 2^40. Values above 2^28 count as 2^28.
     optimizer
-        ``"dp"``: dynamic programming along each row under the ordering constraint that an index may
-        rise by one at most from a pixel to the next, for P1, or drop to any smaller one, for P2
-        (Pedone & Heikkilä 2008, section 2.3); equal costs go to the same index, then to the smaller
+        ``"dp"``: dynamic programming along each row under the ordering constraint that from one
+        pixel to the next an index may rise by at most one, for P1, or drop to any smaller one, for
+        P2 (Pedone & Heikkilä 2008, section 2.3); ties go to the same index, then to the smaller
         one. ``"so"``: the least mean of the totals of two paths along the row, from the left and
-        from the right, along each of which the index stays, changes by one, for P1, or by more,
-        for P2, which counts at least P1. ``"sgm"``: the least mean of the totals of four
-        such paths, from the left, the right, above and below (Hirschmüller, *Stereo Processing by
-        Semiglobal Matching and Mutual Information*, PAMI 2008). ``"wta"``: the least cost of each
-        pixel by itself. Equal means and costs go to the smallest index. Paths from the right begin
-        16 columns beyond each panel of 64 columns, those from above and below 16 rows outside each
+        from the right; along each path the index stays, changes by one, for P1, or by more, for P2,
+        which counts at least as P1. ``"sgm"``: the least mean of the totals of four such paths,
+        from the left, the right, above and below (Hirschmüller, *Stereo Processing by Semiglobal
+        Matching and Mutual Information*, PAMI 2008). ``"wta"``: the least cost of each pixel on its
+        own. Ties go to the smallest index. Paths from the right begin 16 columns beyond each panel
+        of 64 columns, those from above and below 16 rows outside each band of 64 rows.
         band of 64 rows.
 
     Returns
@@ -212,7 +211,7 @@ def optimize(
     Raises
     ------
     TypeError
-        If the costs are no uint32 array, or P1 or P2 is not an integer.
+        If the costs are not a uint32 array, or P1 or P2 is not an integer.
     ValueError
         If the costs are not 3-D, are empty or exceed 2^28, P1 or P2 is out of range, or there is no
          such optimizer.

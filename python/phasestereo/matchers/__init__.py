@@ -5,7 +5,8 @@
     network = load_matcher("onnx:net.onnx")
     disparity = network(left, right)  # float32 (H, W), pixels, NaN elsewhere
 
-`loading` makes one of a specification, a function or an object; `onnx` and `opencv` run theirs.
+`loading` makes a matcher from a specification, a function or an object; `onnx` and `opencv` run
+theirs.
 """
 
 from __future__ import annotations

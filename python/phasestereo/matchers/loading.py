@@ -1,4 +1,4 @@
-"""A specification, a function or an object of OpenCV -> a matcher that is called like any other."""
+"""A specification, a function or an OpenCV object -> a matcher with one way to call it."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from phasestereo._images import Map, as_numbers, as_pair, on_screens
 from phasestereo.matchers import onnx, opencv
 
 _OPTION = re.compile(r",(\w+)=([^,]*)$")
-_DEFAULT_SHARE = 3  # one in this many columns is the number of disparities, if nobody gives it
+_DEFAULT_SHARE = 3  # the default number of disparities is the width divided by this
 
 
 @dataclass(frozen=True, slots=True)
 class OtherMatcher:
-    """A matcher of another origin; `load_matcher` makes them.
+    """Another matcher; `load_matcher` makes them.
 
     Parameters
     ----------
     name
-        What messages and tables call it.
+        Its name in messages and tables.
     run
         The function ``(left, right, num_disparities) -> disparity``.
     max_disparity
-        The largest disparity that it can answer, pixels; None: not known.
+        The largest disparity that it can return, pixels; None: unknown.
     """
 
     name: str
@@ -48,7 +48,7 @@ class OtherMatcher:
         left, right
             Images of one size and dtype, as `phasestereo.match` takes them.
         num_disparities
-            Number of disparities from 0 on to search, for matchers that are given a range. None: a
+            Number of disparities to search, from 0 on, for matchers that take a range. None: a
             third of the width.
 
         Returns
@@ -60,12 +60,12 @@ class OtherMatcher:
         Raises
         ------
         TypeError
-            If the images are not images, or the answer is not an array of numbers.
+            If an image is invalid, or the answer is not an array of numbers.
         ValueError
-            If they differ in size, are not of the size that a network takes, or the answer is not
-            of the size of the left image.
+            If the images differ in size, or do not have a network's size, or the answer does not
+            have the size of the left image.
 
-        What the matcher itself raises passes through.
+        Exceptions of the matcher itself pass through.
         """
         pair = as_pair(left, right)
         rows, cols = pair[0].shape[:2]
@@ -75,14 +75,14 @@ class OtherMatcher:
         flat = [image[:, :, 0] if image.shape[2] == 1 else image for image in pair]
         answer = self.run(flat[0], flat[1], num_disparities)
         values = as_numbers(answer, f"answer of {self.name}", "iuf", (rows, cols))
-        with np.errstate(over="ignore"):  # what no float32 holds is not a disparity
+        with np.errstate(over="ignore"):  # values beyond float32 are not disparities
             disparity = values.astype(np.float32)
         disparity[~np.isfinite(disparity)] = np.nan
         return disparity
 
 
 def load_matcher(matcher: object, *, threads: int | None = None) -> OtherMatcher:
-    """Return a matcher of another origin.
+    """Return a matcher for a network, OpenCV's matchers or a function.
 
     Parameters
     ----------
@@ -100,21 +100,21 @@ def load_matcher(matcher: object, *, threads: int | None = None) -> OtherMatcher
           in, (H, W) real numbers in pixels out, NaN elsewhere.
         - A matcher that this has returned.
     threads
-        Threads of a network, from 1; None: what onnxruntime takes. Others set their own.
+        Number of threads of a network, from 1; None: onnxruntime's default. Others set their own.
 
     Returns
     -------
     OtherMatcher
-        It is called ``(left, right)`` or ``(left, right, num_disparities)``.
+        Call it as ``(left, right)`` or ``(left, right, num_disparities)``.
 
     Raises
     ------
     TypeError
         If it is not one of these.
     ValueError
-        If there is no such specification or option, or the file is not a network that takes a pair.
+        If the specification or option is unknown, or the file is not a network that takes a pair.
     OSError
-        If there is no such file.
+        If the file is missing.
     ImportError
         If onnxruntime or OpenCV is not installed.
 

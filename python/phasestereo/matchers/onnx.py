@@ -1,15 +1,15 @@
-"""Networks in ONNX files, by onnxruntime on the processor. No weights come with this package.
+"""Networks in ONNX files, run by onnxruntime on the processor; without weights of our own.
 
-What a file takes is found from its inputs, of float32, float16 or uint8:
+The inputs of a file, of float32, float16 or uint8, determine its layout:
 
 - one input of rank 4 with 2 channels: the gray images, left first; with 6: both in color;
 - two inputs of rank 4 with 1 or 3 channels each: the left and the right image.
 
-Channels are first or last, whichever of both dimensions is one of these numbers. Values are from 0
-to 1, those of uint8 from 0 to 255. The first output is the disparities of the left image in pixels,
-of the size of the input, and its other dimensions are 1. Images are continued at the right and at
-the bottom, by repeating their edge, to the size the file asks for or to multiples of 64, and what
-comes out is cropped again.
+Channels are first or last, whichever dimension has one of these numbers. Values are from 0 to 1,
+those of uint8 from 0 to 255. The first output holds the disparities of the left image in pixels, at
+the size of the input; its other dimensions are 1. Images are extended at the right and at the
+bottom, by repeating their edge, to the size that the file requires or to multiples of 64, and the
+output is cropped again.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from phasestereo._images import Map
 
 Image: TypeAlias = NDArray[np.uint8]
 
-_MULTIPLE = 64  # px: what networks that work at several sizes take
+_MULTIPLE = 64  # px: multiples that networks with several scales take
 _GRAY = np.array([0.299, 0.587, 0.114])
 _CHANNELS = {1: (2, 6), 2: (1, 3)}  # of each input, by how many inputs there are
 _DTYPES: dict[str, np.dtype[Any]] = {
@@ -37,18 +37,18 @@ _DTYPES: dict[str, np.dtype[Any]] = {
 
 
 class NetworkInputs(NamedTuple):
-    """How a network takes its inputs.
+    """The inputs of a network.
 
     Attributes
     ----------
     names
-        Of the inputs: one for both images, or one for each.
+        Their names: one for both images, or one for each.
     channels
         Of each input.
     last
         Whether channels come last.
     size
-        Height and width, where the file fixes them, else None.
+        Height and width if the file fixes them, else None.
     dtype
         Of the inputs.
     """
@@ -69,7 +69,7 @@ def match_onnx(
     threads: int | None = None,
     white: float = 1.0,
 ) -> Map:
-    """Match with the network in an ONNX file, which is not given a range.
+    """Match with the network in an ONNX file, which takes no range.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ def match_onnx(
     path
         The file.
     threads
-        As many, from 1; None: what onnxruntime takes.
+        Number of threads, from 1; None: onnxruntime's default.
     white
         The value of white pixels in an input of floats.
 
@@ -94,10 +94,10 @@ def match_onnx(
     ImportError
         If onnxruntime is not installed.
     OSError
-        If there is no such file.
+        If the file is missing.
     ValueError
-        If it is not an ONNX file, takes something else than a pair, or images of another size, or
-        fails, or returns something else than a map.
+        If it is not an ONNX file, does not take a pair, or not images of this size, or fails, or
+        does not return a map.
     """
     session = opened(path, threads)
     layout = layout_of(session, path)
@@ -119,12 +119,12 @@ def match_onnx(
 
 
 def max_disparity_of(path: str, *, threads: int | None = None) -> int | None:
-    """Return the largest disparity of a network, in pixels, if the metadata of its file have it.
+    """Return the largest disparity of a network, in pixels, if its file's metadata has it.
 
     Raises
     ------
     ImportError, OSError, ValueError
-        As `match_onnx`, also for a file that takes something else than a pair.
+        As `match_onnx`, also for a file that does not take a pair.
     """
     session = opened(path, threads)
     layout_of(session, path)
@@ -138,7 +138,7 @@ def layout_of(session: Any, path: str) -> NetworkInputs:
     Raises
     ------
     ValueError
-        If these are not those of a pair.
+        If the inputs are not those of a pair.
     """
     inputs = session.get_inputs()
     described = ", ".join(f"{each.name} {each.type} {each.shape}" for each in inputs)
@@ -160,7 +160,7 @@ def layout_of(session: Any, path: str) -> NetworkInputs:
 
 @lru_cache(4)
 def opened(path: str, threads: int | None = None) -> Any:
-    """Return the session of a network, which is opened once for each process.
+    """Return the session of a network, opened once per process.
 
     Raises
     ------
@@ -172,9 +172,9 @@ def opened(path: str, threads: int | None = None) -> Any:
         raise FileNotFoundError(f"{path}: no such file")
 
     options = ort.SessionOptions()
-    options.intra_op_num_threads = threads or 0  # 0: what it takes by itself
+    options.intra_op_num_threads = threads or 0  # 0: its default
     options.inter_op_num_threads = 1
-    options.log_severity_level = 3  # errors; warnings are about constants that are not used
+    options.log_severity_level = 3  # errors; warnings are about unused constants
 
     try:
         return ort.InferenceSession(path, options, providers=["CPUExecutionProvider"])
@@ -188,7 +188,7 @@ def _are_alike(inputs: Any) -> bool:
 
 
 def _fixed(side: Any) -> int | None:
-    """Return a dimension if the file fixes it; others have a name, or none."""
+    """Return a dimension if the file fixes it; a free one has a name, or nothing."""
     return side if isinstance(side, int) and side > 0 else None
 
 

@@ -1,8 +1,8 @@
-"""OpenCV's matchers, set for pairs of all kinds, every pixel given a chance.
+"""OpenCV's matchers, set for pairs of all kinds, with an estimate at every pixel.
 
-Images go in uint8, (H, W) or (H, W, 3); disparities come out as all of this package's do. OpenCV
-leaves out columns on the left, and with them pixels that others are scored on, so both images are
-first continued there by repeating their edge.
+Images are uint8, (H, W) or (H, W, 3); disparities follow the convention of this package. OpenCV
+leaves out columns on the left, which other matchers are scored on, so both images are first
+extended there by repeating their edge.
 """
 
 from __future__ import annotations
@@ -55,11 +55,11 @@ def create_sgbm(
     Parameters
     ----------
     num_disparities
-        How many.
+        The number.
     mode
-        What `cv2` calls the mode, such as "STEREO_SGBM_MODE_HH".
+        The name of the mode in `cv2`, such as "STEREO_SGBM_MODE_HH".
     channels
-        Of the images it is meant for; the penalties grow with them.
+        Channels of its images; the penalties grow with them.
     options
         Its other options: `SGBM` or `SGBM_3X3`.
 
@@ -82,9 +82,9 @@ def create_sgbm(
 
 
 def match_bm(left: Image, right: Image, num_disparities: int) -> Map:
-    """Match the gray images with StereoBM, at its defaults but for the block.
+    """Match the gray images with StereoBM, at its defaults except for the block.
 
-    It also leaves out half a block on every side; there the images are continued as well.
+    It also leaves out half a block on every side; the images are extended there, too.
 
     Raises
     ------
@@ -123,13 +123,14 @@ def match_sgbm(
 
 
 def match_by(matcher: Any, left: Image, right: Image, _num_disparities: int) -> Map:
-    """Match with an object of OpenCV, or of its kind, that has its own range.
+    """Match with an OpenCV object, or a similar one, that has its own range.
 
     Parameters
     ----------
     matcher
-        What has ``compute(left, right)``: BGR, or gray if it is a StereoBM; int16 sixteenths of a
-        pixel, less than ``16 * getMinDisparity()`` elsewhere, or floats in pixels.
+        An object with ``compute(left, right)``: takes BGR, or gray if it is a StereoBM; returns
+        int16 sixteenths of a pixel, less than ``16 * getMinDisparity()`` where missing, or floats
+        in pixels.
     left, right
         uint8 (H, W) or (H, W, 3), RGB.
 
@@ -167,7 +168,7 @@ def _sixteens(num_disparities: int) -> int:
 
 
 def _continued(image: Image, left: int, others: int) -> Image:
-    """Extend an image by repeating its edge, by given numbers of pixels on its sides."""
+    """Extend an image by repeating its edge, by the given numbers of pixels on its sides."""
     sides = ((others, others), (left, others), (0, 0))
     return np.pad(image, sides[: image.ndim], mode="edge")
 

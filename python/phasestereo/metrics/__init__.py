@@ -1,13 +1,13 @@
-"""Metrics: how far a disparity map is from the truth, as the field's benchmarks count it.
+"""Metrics: the error of a disparity map against the truth, as the field's benchmarks count it.
 
-Here belong numbers computed from an estimate, a truth and a mask of the pixels to score, nothing
-else: no files, no pictures. Percentages run from 0 to 100, errors are in pixels, sums in float64.
+This package computes numbers from an estimate, a truth and a mask of the pixels to score; it has no
+files and no pictures. Percentages run from 0 to 100, errors are in pixels, sums in float64.
 
-Every function follows the same conventions. `estimate` and `truth` are 2-D arrays of floats, in
+All functions follow the same conventions. `estimate` and `truth` are 2-D arrays of floats, in
 pixels of the left view. A pixel is *scored* where the mask is True (everywhere without one) and the
 truth is finite; where a scored pixel has no finite estimate, the estimate is *missing* and counts
-as bad. Integers are refused: they cannot say "missing", and are most often a file's or OpenCV's
-fixed point (disparity times 16 or 256), which would be scored without a complaint.
+as bad. Integers are refused: they cannot mark missing values, and are mostly the fixed point of a
+file or of OpenCV (disparity times 16 or 256), which would be scored silently.
 """
 
 from phasestereo.metrics.roc import Sparsification, roc_area, sparsification

@@ -1,4 +1,4 @@
-"""What all scores of disparity maps share: which pixels count, and what is refused."""
+"""Common code of all scores of disparity maps: the scored pixels, and refusals."""
 
 from __future__ import annotations
 

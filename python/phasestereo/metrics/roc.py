@@ -1,10 +1,10 @@
 """How well a confidence separates right from wrong disparities.
 
-Here belong numbers and curves computed from a confidence, an estimate, a truth and a mask, nothing
-else. Conventions are those of `phasestereo.metrics`: a pixel is scored where the mask is True and
-the truth finite, and it is *wrong* where the estimate is off by more than a threshold, or missing.
-Only the order of confidences matters, not their scale, so that any measure can be compared with any
-other; it must be known (finite, or infinite) at every scored pixel.
+This module computes numbers and curves from a confidence, an estimate, a truth and a mask.
+Conventions are those of `phasestereo.metrics`: a pixel is scored where the mask is True and the
+truth finite, and it is *wrong* where the estimate is off by more than a threshold, or missing. Only
+the order of confidences matters, not their scale, so that any two measures can be compared; it must
+be known (finite, or infinite) at every scored pixel.
 """
 
 from __future__ import annotations
@@ -35,16 +35,15 @@ class Sparsification:
     Attributes
     ----------
     density
-        Share of the scored pixels that is kept, from above 0 to 1; shape (N,), rising. There is one
-        entry for each confidence that occurs: pixels of one confidence are kept or dropped
-        together.
+        Share of the scored pixels that is kept, from above 0 to 1; shape (N,), rising. It has one
+        entry per distinct confidence: pixels of equal confidence are kept or dropped together.
     bad
         Percentage of wrong pixels among these; shape (N,).
     area
-        Mean of `bad` over all densities, in percent, where pixels of one confidence are taken in
-        random order: the less, the better.
+        Mean of `bad` over all densities, in percent, with pixels of equal confidence in random
+        order; smaller is better.
     least
-        The area of a confidence that puts every right pixel before every wrong one. None is less.
+        The area of a confidence that ranks every right pixel before every wrong one: the minimum.
     """
 
     density: Values
@@ -63,22 +62,22 @@ def roc_area(
 ) -> float:
     """Return the area under the ROC curve of a confidence that separates right from wrong pixels.
 
-    It is the probability that of a right and a wrong pixel, drawn at random, the right one has the
-    higher confidence, equal ones counting half: 1 for a perfect confidence, 0.5 for one that knows
-    nothing. Computed exactly from ranks (J. A. Hanley, B. J. McNeil: The Meaning and Use of the
-    Area under a Receiver Operating Characteristic Curve, Radiology 143, 1982).
+    It is the probability that of a random right and a random wrong pixel, the right one has the
+    higher confidence; ties count half. 1 for a perfect confidence, 0.5 for a useless one. Computed
+    exactly from ranks (J. A. Hanley, B. J. McNeil: The Meaning and Use of the Area under a Receiver
+    Operating Characteristic Curve, Radiology 143, 1982).
 
     Parameters
     ----------
     confidence
-        Floats (H, W): the higher, the more trusted; on any scale. NaN is allowed only where no
-        pixel is scored.
+        Floats (H, W), on any scale; higher is more trusted. NaN is allowed only where no pixel is
+        scored.
     estimate
-        Disparities, floats (H, W), pixels; where one is not finite, it is missing, and wrong.
+        Disparities, floats (H, W), pixels; a non-finite one is missing, and wrong.
     truth
         True disparities, floats (H, W); pixels where they are not finite are not scored.
     threshold
-        A pixel is wrong that is off by more than this, in pixels; finite, at least 0.
+        A pixel is wrong if its error exceeds this, in pixels; finite, at least 0.
     mask
         Bools (H, W), True = score; everywhere by default.
 
@@ -92,7 +91,8 @@ def roc_area(
     TypeError
         If an array or the threshold is of the wrong type.
     ValueError
-        If shapes differ, a confidence is NaN, the threshold is negative or not finite, or nothing
+        If shapes differ, a confidence is NaN, the threshold is negative or not finite, or no pixel
+        is left to score.
         is left to score.
     """
     confidences, right = _judged(confidence, estimate, truth, threshold, mask)
@@ -117,11 +117,11 @@ def sparsification(
     threshold: float = 1.0,
     mask: Mask | None = None,
 ) -> Sparsification:
-    """Return the share of wrong pixels as less and less confident ones are kept.
+    """Return the share of wrong pixels as less and less confident pixels are kept.
 
     X. Hu, P. Mordohai: A Quantitative Evaluation of Confidence Measures for Stereo Vision, PAMI 34
-    (11), 2012, section 4. Unlike the area under the ROC curve, the one under this curve depends on
-    how many pixels are wrong at all.
+    (11), 2012, section 4. Unlike the area under the ROC curve, the area under this curve depends on
+    the total share of wrong pixels.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ def sparsification(
     Returns
     -------
     Sparsification
-        The curve, its area and the least there can be.
+        The curve, its area and the least possible area.
 
     Raises
     ------

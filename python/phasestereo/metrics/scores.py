@@ -33,11 +33,11 @@ _LABELS = {
 
 
 class Scored(Protocol):
-    """Whatever has a truth and masks, as the pairs of a dataset have."""
+    """Anything with a truth and masks, such as the pairs of a dataset."""
 
     @property
     def truth(self) -> Floats | None:
-        """Disparities in px, float (H, W), NaN = unknown; None where nothing is known."""
+        """Disparities in px, float (H, W), NaN = unknown; None without a truth."""
 
     @property
     def masks(self) -> Mapping[str, Mask]:
@@ -68,12 +68,12 @@ class MiddleburyV2:
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """All that can be said of one estimate: Middlebury version 3, KITTI's D1, end-point error.
+    """All scores of one estimate: Middlebury version 3, KITTI's D1, end-point error.
 
     Attributes
     ----------
     pixels
-        How many pixels were scored.
+        Number of scored pixels.
     bad_0_5, bad_1, bad_2, bad_4
         Percent of the scored pixels that are off by more than 0.5, 1, 2, 4 px or missing.
     invalid
@@ -85,7 +85,8 @@ class Score:
     d1
         Percent of the scored pixels off by more than 3 px and 5 % of the truth, or missing.
     epe
-        Mean absolute error in px over the pixels with an estimate, which is never clipped here.
+        Mean absolute error in px over the pixels with an estimate; estimates are never clipped
+        here.
 
     Notes
     -----
@@ -108,7 +109,7 @@ class Score:
     epe: float
 
     def as_dict(self) -> dict[str, float]:
-        """Return the numbers by the names they are printed with: "bad-0.5", "A90", "EPE" ..."""
+        """Return the numbers by their printed names: "bad-0.5", "A90", "EPE" ..."""
         return {_LABELS.get(name, name): value for name, value in asdict(self).items()}
 
 
@@ -119,25 +120,26 @@ def unit_of(metric: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class SubPixel:
-    """The precision of right estimates, and how much they lock to whole pixels.
+    """The precision of right estimates, and their locking to whole pixels.
 
     Attributes
     ----------
     inliers
-        Percent of the scored pixels whose error is at most `inlier`; all else is about these.
+        Percent of the scored pixels whose error is at most `inlier`; the other numbers use only
+        these.
     rms
         Root mean square of their errors, px.
     bias
         Mean of estimate - truth, px.
     locking
-        Largest difference between the histograms of the fractional parts of estimates and truth,
-        in percent of what a bin would hold if all held the same.
+        Largest difference between the histograms of the fractional parts of estimates and truth, in
+        percent of a uniform bin.
     inlier
         The largest error in pixels of an inlier.
 
     Notes
     -----
-    Without a single inlier, the others are NaN.
+    Without inliers, the others are NaN.
     """
 
     inliers: float
@@ -159,7 +161,7 @@ def bad_pixels(
     threshold
         The largest error that is not bad, px, >= 0.
     mask
-        Pixels to score, bool (H, W); without one, all whose truth is known.
+        Pixels to score, bool (H, W); without one, all with known truth.
 
     Returns
     -------
@@ -196,8 +198,8 @@ def middlebury_v2(
     estimate
         Disparities in px, float (H, W); NaN = missing.
     pair
-        A pair with truth and masks, or just these two: `(truth, masks)`, where the masks are
-        bool (H, W) by region, "nonocc", "all" and "disc".
+        A pair with truth and masks, or just `(truth, masks)`, with masks of bool (H, W) by region,
+        "nonocc", "all" and "disc".
     threshold
         The largest error that is not bad, px, >= 0; the evaluation's own is 1.
 
@@ -227,8 +229,8 @@ def middlebury_v2(
 def end_point_error(estimate: Floats, truth: Floats, mask: Mask | None = None) -> float:
     """Return the mean of |estimate - truth| in px over the scored pixels that have an estimate.
 
-    NaN where every estimate is missing. Look at the density too: this number alone rewards
-    estimating only what is easy.
+    NaN if every estimate is missing. Check the density, too: this number alone rewards estimating
+    only easy pixels.
 
     Parameters
     ----------
@@ -250,12 +252,12 @@ def score(
     mask: Mask | None = None,
     num_disparities: int | None = None,
 ) -> Score:
-    """Return every number at once: those of Middlebury's version 3, KITTI's D1, and the EPE.
+    """Return all numbers at once: those of Middlebury's version 3, KITTI's D1, and the EPE.
 
     As in Middlebury's official program, pixels of unknown truth are skipped, and a missing estimate
     is left out of avgerr, rms and the quantiles. Unlike its tables of sparse results, the bad-pixel
     rates count a missing estimate as bad (the program's "totalbad"), so that leaving pixels out
-    never pays; `invalid` says how many. KITTI's kit fills holes before it counts; here a missing
+    never pays; `invalid` is their share. KITTI's kit fills holes before it counts; here a missing
     estimate is an outlier.
 
     Parameters
@@ -264,7 +266,7 @@ def score(
         As for `bad_pixels`.
     num_disparities
         Clip the estimates to [0, num_disparities] first, as that program does (by `ndisp` of
-        calib.txt), for all numbers but D1 and EPE; without it nothing is clipped.
+        calib.txt), for all numbers but D1 and EPE. None: no clipping.
 
     Raises
     ------
@@ -325,10 +327,10 @@ def subpixel(
     Parameters
     ----------
     estimate, truth, mask
-        As for `bad_pixels`. The truth should know fractions of a pixel, and be spread over them:
-        where it is rounded to steps, locking is mostly about these.
+        As for `bad_pixels`. The truth should have fractions of a pixel, spread evenly: with a truth
+        rounded to steps, locking mostly measures the steps.
     inlier
-        The largest error that is right, px, >= 0.
+        The largest error of a right estimate, px, >= 0.
     bins
         Number of equal bins of the fractional parts, from 2; the first one starts at whole pixels.
 
@@ -343,8 +345,8 @@ def subpixel(
 
     Notes
     -----
-    Chance alone makes for some locking: about 200 sqrt(bins / inliers) percent, a percent or two
-    in an image of usual size.
+    Chance alone causes some locking: about 200 sqrt(bins / inliers) percent, a percent or two in an
+    image of usual size.
 
     References
     ----------
@@ -400,8 +402,8 @@ def _mean(values: Values) -> float:
 def temporal_deviation(estimates: Sequence[Floats] | Floats, mask: Mask | None = None) -> float:
     """Return the standard deviation of a pixel's disparity over the frames, mean over the pixels.
 
-    It says how much the maps of a scene that stands still flicker, whether they are right or not.
-    Scored are pixels that have a finite estimate in every frame: look at how many these are, too.
+    It measures how much the maps of a static scene flicker, right or wrong. Only pixels with a
+    finite estimate in every frame are scored: check their number, too.
 
     Parameters
     ----------
@@ -415,7 +417,7 @@ def temporal_deviation(estimates: Sequence[Floats] | Floats, mask: Mask | None =
     Returns
     -------
     float
-        px, 0 and above. The deviation is that of all frames about their mean (N, not N - 1).
+        px, 0 and above. The deviation is that of all frames from their mean (N, not N - 1).
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What `cv2.ximgproc` makes of a matcher: that of the right image, and the WLS filter for both."""
+"""Counterparts of `cv2.ximgproc`: the matcher of the right image, and the WLS filter."""
 
 # ruff: noqa: N802 -- the names are OpenCV's
 
@@ -14,7 +14,7 @@ from phasestereo._numbers import check_type
 from phasestereo.opencv.stereo import StereoPhase
 
 NO_CHECK = 1_000_000
-"""The disp12MaxDiff by which `cv2.ximgproc` switches the left-right check off."""
+"""The disp12MaxDiff with which `cv2.ximgproc` switches the left-right check off."""
 # Means of bad-1.0 (%) over two rendered and two Middlebury pairs, non-occluded (all pixels); maps
 # as they are: 3.9 (15.5).
 #   as below              4.0 (11.1)      radius 2            4.3 (11.4)
@@ -36,7 +36,7 @@ class RightMatcher:
         return self._left.compute_right(left, right)
 
     def getMinDisparity(self) -> int:
-        """Return the right image's smallest, ``1 - (minDisparity + numDisparities)``."""
+        """Return the right image's smallest one, ``1 - (minDisparity + numDisparities)``."""
         return 1 - self._left.getMinDisparity() - self._left.getNumDisparities()
 
     def getNumDisparities(self) -> int:
@@ -53,7 +53,7 @@ def createRightMatcher(matcher_left: StereoPhase) -> RightMatcher:
     Parameters
     ----------
     matcher_left
-        The matcher of the left image; what is set there later holds here, too.
+        The matcher of the left image; its later changes apply here, too.
 
     Raises
     ------
@@ -66,20 +66,20 @@ def createRightMatcher(matcher_left: StereoPhase) -> RightMatcher:
 def createDisparityWLSFilter(matcher_left: StereoPhase) -> Any:
     """Make a WLS filter for a matcher, as `cv2.ximgproc.createDisparityWLSFilter` does.
 
-    Like that it switches the matcher's checks off (disp12MaxDiff 1000000, speckleWindowSize and
-    uniquenessRatio 0): the filter has its own. It works on whole images, having no border to leave
-    out, and is set for maps that are cleaner than OpenCV's: lambda 500, sigma 1.5, depth
-    discontinuity radius 1.
+    Like OpenCV's function, it switches the matcher's checks off (disp12MaxDiff 1000000,
+    speckleWindowSize and uniquenessRatio 0): the filter has its own. It works on whole images,
+    without a border to leave out, and is set for cleaner maps than OpenCV's: lambda 500, sigma 1.5,
+    depth discontinuity radius 1.
 
     Parameters
     ----------
     matcher_left
-        The matcher whose maps are to be filtered.
+        The matcher whose maps will be filtered.
 
     Returns
     -------
     cv2.ximgproc.DisparityWLSFilter
-        With confidence: its ``filter`` takes the right image's map, too.
+        With confidence: its ``filter`` also takes the right image's map.
 
     Raises
     ------
@@ -88,7 +88,7 @@ def createDisparityWLSFilter(matcher_left: StereoPhase) -> Any:
     TypeError
         If the matcher is not a `StereoPhase`.
     """
-    RightMatcher(matcher_left)  # refuses matchers of others
+    RightMatcher(matcher_left)  # refuses other matchers
 
     ximgproc = require("cv2.ximgproc", extra="opencv")
     wls = ximgproc.createDisparityWLSFilterGeneric(use_confidence=True)

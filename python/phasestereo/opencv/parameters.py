@@ -1,4 +1,4 @@
-"""OpenCV's parameters by OpenCV's names: their ranges, and a get and a set for each."""
+"""OpenCV's parameters under OpenCV's names: their ranges, and a get and a set for each."""
 
 # ruff: noqa: N802, N803 -- the names are OpenCV's
 
@@ -10,10 +10,10 @@ from types import MappingProxyType
 from phasestereo._numbers import as_integer
 
 ANY = -(2**31), 2**31 - 1
-"""What an int of C++ holds."""
+"""The range of a C++ int."""
 NATURAL = 0, ANY[1]
 LARGEST_DISPARITY = 2047
-"""The largest whole disparity whose sixteenths int16 holds, and the next below the smallest."""
+"""The largest whole disparity whose sixteenths fit int16, and the smallest minus one."""
 
 RANGES: Mapping[str, tuple[int, int]] = MappingProxyType(
     {
@@ -34,7 +34,7 @@ RANGES: Mapping[str, tuple[int, int]] = MappingProxyType(
         "smallerBlockSize": ANY,
     }
 )
-"""Of each parameter the smallest and the largest value."""
+"""The smallest and the largest value of each parameter."""
 
 DEFAULTS: Mapping[str, int] = MappingProxyType(
     dict.fromkeys(RANGES, 0)
@@ -46,23 +46,23 @@ block size, 0 being that of the preset."""
 
 
 class Parameters:
-    """The parameters of OpenCV's StereoSGBM and StereoBM, and what a `StereoPhase` makes of them.
+    """The parameters of OpenCV's StereoSGBM and StereoBM, and their use in a `StereoPhase`.
 
-    These count: minDisparity, numDisparities, blockSize, disp12MaxDiff, uniquenessRatio,
-    speckleWindowSize and speckleRange. The others describe costs which this matcher does not have.
-    They are kept and returned, so that programs run as they are, and change no disparity.
+    These have an effect: minDisparity, numDisparities, blockSize, disp12MaxDiff, uniquenessRatio,
+    speckleWindowSize and speckleRange. The others describe costs that this matcher does not use.
+    They are stored and returned, so that programs run unchanged, and change no disparity.
 
     Parameters
     ----------
     **values
-        Parameters by name; others have their `DEFAULTS`.
+        Parameters by name; missing ones have their `DEFAULTS`.
 
     Raises
     ------
     TypeError
         If a value is not an integer.
     ValueError
-        If it is out of its range.
+        If it is out of range.
     """
 
     def __init__(self, **values: int) -> None:
@@ -87,47 +87,47 @@ class Parameters:
         return self._values["numDisparities"]
 
     def setNumDisparities(self, numDisparities: int) -> None:
-        """Set how many disparities are searched: any number, not only multiples of 16."""
+        """Set the number of disparities searched: any number, not only multiples of 16."""
         self._set("numDisparities", numDisparities)
 
     def getDisp12MaxDiff(self) -> int:
-        """Return by how much the left-right check lets disparities differ."""
+        """Return the disparity difference that the left-right check allows."""
         return self._values["disp12MaxDiff"]
 
     def setDisp12MaxDiff(self, disp12MaxDiff: int) -> None:
-        """Set by how many pixels the left-right check lets disparities differ; 0 or less: by 1."""
+        """Set the pixels of disparity difference that the left-right check allows; 0 or less: 1."""
         self._set("disp12MaxDiff", disp12MaxDiff)
 
     def getUniquenessRatio(self) -> int:
-        """Return by how many percent the best cost is to be ahead."""
+        """Return the lead, in percent, that the best cost must have."""
         return self._values["uniquenessRatio"]
 
     def setUniquenessRatio(self, uniquenessRatio: int) -> None:
-        """Set by how many percent the best cost is to be ahead, up to 100; 0: by none, less: 10."""
+        """Set the lead, in percent up to 100, that the best cost must have; 0: none, less: 10."""
         self._set("uniquenessRatio", uniquenessRatio)
 
     def getSpeckleWindowSize(self) -> int:
-        """Return the largest size of the regions that are left out."""
+        """Return the largest size of regions that are removed."""
         return self._values["speckleWindowSize"]
 
     def setSpeckleWindowSize(self, speckleWindowSize: int) -> None:
-        """Set up to how many pixels a region is left out that stands out; 0 or less: none is."""
+        """Set the largest size, in pixels, of isolated regions to remove; 0 or less: none."""
         self._set("speckleWindowSize", speckleWindowSize)
 
     def getSpeckleRange(self) -> int:
-        """Return by how much neighbors of one region differ at most."""
+        """Return the largest difference between neighbors of one region."""
         return self._values["speckleRange"]
 
     def setSpeckleRange(self, speckleRange: int) -> None:
-        """Set by how many pixels neighbors of a region differ at most; less than 0: no regions."""
+        """Set the largest difference in pixels within a region; negative: no regions."""
         self._set("speckleRange", speckleRange)
 
     def getBlockSize(self) -> int:
-        """Return the side of the window that costs are summed over, 0 being the preset's."""
+        """Return the side of the window over which costs are summed; 0: the preset's."""
         return self._values["blockSize"]
 
     def setBlockSize(self, blockSize: int) -> None:
-        """Set the side of the window that costs are summed over, up to 63; 0: the preset's."""
+        """Set the side of the window over which costs are summed, up to 63; 0: the preset's."""
         self._set("blockSize", blockSize)
 
     def getP1(self) -> int:

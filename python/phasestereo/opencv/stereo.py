@@ -1,4 +1,4 @@
-"""The matcher to use in place of OpenCV's: BGR images in, sixteenths of pixels out."""
+"""The matcher that replaces OpenCV's: BGR images in, sixteenths of pixels out."""
 
 # ruff: noqa: N802, N803 -- the names are OpenCV's
 
@@ -21,9 +21,9 @@ from phasestereo.settings import PRESET, PresetName, Settings, SettingsOverrides
 Sixteenths: TypeAlias = NDArray[np.int16]
 
 SCALE = 16
-"""What one pixel of disparity is in OpenCV's maps."""
+"""One pixel of disparity in OpenCV's maps."""
 NEGATIVE_UNIQUENESS = 10
-"""What StereoSGBM takes a uniquenessRatio below 0 for."""
+"""StereoSGBM's value for a uniquenessRatio below 0."""
 
 DECIDED = {
     "window": "blockSize",
@@ -38,8 +38,8 @@ DECIDED = {
 class StereoPhase(Parameters):
     """A matcher with the methods of ``cv2.StereoSGBM``; `create` makes one.
 
-    It keeps its threads and its memory from one pair to the next. While parameters are set, no
-    other thread may use it.
+    It keeps its threads and its memory from one pair to the next. Set parameters only while no
+    other thread uses it.
     """
 
     def __init__(
@@ -55,7 +55,7 @@ class StereoPhase(Parameters):
         self._chosen = resolve(preset, None, {"fill": False, "confidence": False, **overrides})
         self._matchers: dict[Settings, Matcher] = {}
 
-        # What is wrong with the parameters is raised here, and not by the first pair.
+        # Invalid parameters raise here, not at the first pair.
         self._check_range()
         self._matcher(self._settings())
 
@@ -77,7 +77,7 @@ class StereoPhase(Parameters):
         threads: int | None = None,
         **overrides: Unpack[SettingsOverrides],
     ) -> StereoPhase:
-        """Make a matcher that is used like OpenCV's; the parameters are ``StereoSGBM_create``'s.
+        """Make a matcher with OpenCV's interface and the parameters of ``StereoSGBM_create``.
 
         Parameters
         ----------
@@ -87,32 +87,31 @@ class StereoPhase(Parameters):
             Number of disparities to search, 1 to the images' width; any, not only multiples of 16.
             All are below 2048.
         blockSize
-            Side of the window that costs are summed over, up to 63 pixels, even ones being enlarged
-            by one. 0: that of the preset, 5 for ``"robust"`` and 9 for ``"fast"``. 3 to 7 are good
-            for most pairs; blocks as large as StereoBM needs cost details here, too.
+            Side of the window over which costs are summed, up to 63 pixels; even sizes are enlarged
+            by one. 0: the preset's, 5 for ``"robust"`` and 9 for ``"fast"``. 3 to 7 suit most
+            pairs; blocks as large as StereoBM needs cost details here, too.
         disp12MaxDiff
-            Left-right check: a pixel is left out when the right pixel that was chosen for it fits
-            another one better whose disparity differs by more pixels than this. 0 or less: 1, as
-            StereoSGBM has it, whatever its documentation says; a large number, such as 1000000: no
-            check.
+            Left-right check: a pixel is left out if the right pixel chosen for it fits another one
+            better, whose disparity differs by more pixels than this. 0 or less: 1, as StereoSGBM
+            does despite its documentation; a large number, such as 1000000: no check.
         uniquenessRatio
-            Percent, up to 100: a pixel is left out when another candidate, not beside the best,
-            costs less than ``100 / (100 - uniquenessRatio)`` times what the best does. 0: no check;
-            less: 10, as StereoSGBM has it.
+            Percent, up to 100: a pixel is left out if another candidate, not next to the best,
+            costs less than ``100 / (100 - uniquenessRatio)`` times the best cost. 0: no check;
+            less: 10, as in StereoSGBM.
         speckleWindowSize, speckleRange
-            Regions of up to speckleWindowSize pixels are left out that stand out from all around,
-            by more than speckleRange pixels. Without these (the size 0 or less, or the range less
-            than 0) none are.
+            Regions of up to speckleWindowSize pixels are left out if they differ from everything
+            around them by more than speckleRange pixels. No check if the size is 0 or less, or the
+            range less than 0.
         P1, P2, preFilterCap, mode
-            Kept and returned, of no effect: they are in units of OpenCV's costs, which are not
-            those of phase codes. `Settings` ``p1``, ``p2`` and ``optimizer`` are their kin.
+            Stored and returned, without effect: their units are those of OpenCV's costs, not of
+            phase codes. `Settings` ``p1``, ``p2`` and ``optimizer`` are similar.
         preset
             Name of the settings to start from, one of `phasestereo.PRESETS`.
         threads
             Number of threads, as `phasestereo.match` takes it.
         **overrides
-            Fields of `phasestereo.Settings` by name, but for those that the parameters above set.
-            ``fill=True`` gives every pixel a disparity: what is left out takes the background's.
+            Fields of `phasestereo.Settings` by name, except those that the parameters above set.
+            ``fill=True`` gives every pixel a disparity: left-out pixels take the background's.
 
         Returns
         -------
@@ -124,7 +123,7 @@ class StereoPhase(Parameters):
         TypeError
             For a parameter that is not an integer, or an unknown setting.
         ValueError
-            For a value out of range, or disparities beyond what int16 holds.
+            For a value out of range, or disparities beyond int16.
         """
         return StereoPhase(
             preset=preset,
@@ -154,7 +153,7 @@ class StereoPhase(Parameters):
             Images of equal size and dtype: (H, W) or (H, W, 1) gray, (H, W, 3) BGR or (H, W, 4)
             BGRA (alpha is left out); uint8, uint16, float32 or float64; arrays, or ``cv2.UMat``.
         disparity
-            Where to write the map to, int16 (H, W); None: to a new array.
+            Array to write the map to, int16 (H, W); None: a new array.
 
         Returns
         -------
@@ -162,7 +161,7 @@ class StereoPhase(Parameters):
             int16 (H, W), or a ``cv2.UMat`` where `left` is one: sixteenths of a pixel, rounded.
             Left pixel (x, y) corresponds to right pixel (x - disparity / 16, y).
             ``(minDisparity - 1) * 16`` where the match lies outside the right image or a check
-            failed, but with ``fill=True``.
+            failed, unless ``fill=True``.
 
         Raises
         ------
@@ -181,8 +180,8 @@ class StereoPhase(Parameters):
     def compute_right(self, left: ArrayLike, right: ArrayLike) -> Sixteenths:
         """Match the same pair from the right image, for ``cv2.ximgproc``'s WLS filter.
 
-        It is the map that the matcher of `cv2.ximgproc.createRightMatcher` gives: no check has been
-        made, and disparities are negative.
+        It equals the map from the matcher of `cv2.ximgproc.createRightMatcher`: unchecked, with
+        negative disparities.
 
         Parameters
         ----------
@@ -192,10 +191,10 @@ class StereoPhase(Parameters):
         Returns
         -------
         numpy.ndarray
-            int16 (H, W), sixteenths of a pixel: right pixel (x, y) corresponds to left pixel
-            (x - disparity / 16, y), disparities being those of `compute` times -1.
-            ``-(minDisparity + numDisparities) * 16`` where the match lies outside the left image,
-            but with ``fill=True``.
+            int16 (H, W), sixteenths of a pixel: right pixel (x, y) corresponds to left pixel (x -
+            disparity / 16, y); the disparities are those of `compute` times -1. ``-(minDisparity +
+            numDisparities) * 16`` where the match lies outside the left image, unless
+            ``fill=True``.
 
         Raises
         ------
@@ -203,14 +202,15 @@ class StereoPhase(Parameters):
             As `compute` does.
         """
         pair = _pair(left, right)
-        # In mirror images the right camera is the left one, and what is near is on the same side.
+        # In mirrored images the right camera becomes the left one, and near things shift the same
+        # way.
         mirrored = pair[1][:, ::-1], pair[0][:, ::-1]
         found = -self._match(*mirrored, self._settings(is_checked=False))[:, ::-1]
         lowest = 1 - self.getMinDisparity() - self.getNumDisparities()
         return _sixteenths(found, lowest - 1, np.empty(found.shape, np.int16))
 
     def save(self, filename: str) -> None:
-        """Write the parameters, the preset and the settings to a file of OpenCV's FileStorage.
+        """Write the parameters, the preset and the settings to a file with OpenCV's FileStorage.
 
         Parameters
         ----------
@@ -232,7 +232,7 @@ class StereoPhase(Parameters):
         storage.release()
 
     def write(self, fs: Any, name: str | None = None) -> None:
-        """Write the same to a ``cv2.FileStorage``, as an object of this name if there is one."""
+        """Write the same to a ``cv2.FileStorage``, as an object of this name if given."""
         if name is not None:
             fs.startWriteStruct(name, require("cv2", extra="opencv").FILE_NODE_MAP)
         fs.write("name", NAME)
@@ -244,18 +244,18 @@ class StereoPhase(Parameters):
             fs.endWriteStruct()
 
     def read(self, fn: Any) -> None:
-        """Take over what `save` or `write`, or C++'s ``StereoPhase``, has written.
+        """Load the data that `save` or `write`, or C++'s ``StereoPhase``, has written.
 
         Parameters
         ----------
         fn
             The ``cv2.FileNode`` of the object, as ``storage.getFirstTopLevelNode()``. Parameters
-            that it does not have stay as they are.
+            missing in it stay unchanged.
 
         Raises
         ------
         TypeError, ValueError
-            If it is of another object, or holds what `create` refuses; nothing has changed then.
+            If it is another object, or holds values that `create` refuses; then nothing changes.
         """
         values, preset, overrides = from_node(fn)
         self.__dict__ = vars(
@@ -272,15 +272,15 @@ class StereoPhase(Parameters):
         return "StereoPhase"
 
     def clear(self) -> None:
-        """Give back the threads and the memory that are kept for the next pair."""
+        """Free the threads and the memory that are kept for the next pair."""
         self._matchers.clear()
 
     def empty(self) -> bool:
-        """Return False: there is nothing to be learned or loaded before a match."""
+        """Return False: a match needs no training and no loading."""
         return False
 
     def __repr__(self) -> str:
-        """Show the call that makes such a matcher, but for what is OpenCV's default."""
+        """Show the call that makes such a matcher, without OpenCV's defaults."""
         given: dict[str, Any] = {
             name: value
             for name, value in self._values.items()
@@ -295,13 +295,13 @@ class StereoPhase(Parameters):
         matcher = self._matcher(settings)
         found = matcher.match(left, right, min_disparity=low, num_disparities=count).disparity
 
-        if not settings.fill:  # smoothing has led a few out of the image
+        if not settings.fill:  # smoothing has moved a few out of the image
             columns = np.arange(found.shape[1]) - np.rint(found)
             found[(columns < 0) | (columns >= found.shape[1])] = np.nan
         return found
 
     def _matcher(self, settings: Settings) -> Matcher:
-        """Return a matcher of such settings, a new one if necessary."""
+        """Return a matcher with these settings, a new one if necessary."""
         if settings not in self._matchers:
             if len(self._matchers) > 1:  # one for compute, one for compute_right; others are old
                 self._matchers.clear()
@@ -309,14 +309,14 @@ class StereoPhase(Parameters):
         return self._matchers[settings]
 
     def _settings(self, *, is_checked: bool = True) -> Settings:
-        """Return settings of the parameters; without checks, as `cv2.ximgproc`'s right matchers."""
+        """Return settings for the parameters; for right matchers of `cv2.ximgproc`, unchecked."""
         block = self.getBlockSize()
         window = block + 1 - block % 2 if block > 0 else self._chosen.window
 
         if not is_checked:
             return replace(self._chosen, window=window, lr_check=None, uniqueness=0, speckle_size=0)
 
-        # Numbers out of the range of ours mean what StereoSGBM makes of them.
+        # Numbers out of our range mean the same as in StereoSGBM.
         most = self.getDisp12MaxDiff() if self.getDisp12MaxDiff() > 0 else 1
         ratio = self.getUniquenessRatio()
         has_speckles = self.getSpeckleRange() >= 0 and self.getSpeckleWindowSize() > 0
@@ -331,7 +331,7 @@ class StereoPhase(Parameters):
         )
 
     def _check_range(self, width: int | None = None) -> tuple[int, int]:
-        """Return the disparities to search; refuse what int16, or images so wide, do not hold."""
+        """Return the range to search; refuse one that int16 or the width cannot hold."""
         low, count = self.getMinDisparity(), self.getNumDisparities()
         most = min(LARGEST_DISPARITY + 1 - low, count if width is None else width)
         if count > most:
@@ -363,7 +363,7 @@ def _pair(left: ArrayLike, right: ArrayLike) -> tuple[Pixels, Pixels]:
 
 
 def _rgb(image: ArrayLike, name: str) -> NDArray[Any]:
-    """Return an image with its colors in the order that the rest of this package has."""
+    """Return an image with the channel order of the rest of this package."""
     if image is None:
         raise TypeError(
             f"{name}: got None, which is what cv2.imread returns for a file that it cannot read"

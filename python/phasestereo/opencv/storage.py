@@ -1,4 +1,4 @@
-"""What OpenCV's FileStorage keeps of a matcher, and the header for C++ reads and writes, too."""
+"""A matcher in OpenCV's FileStorage; the C++ header reads and writes the same format."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 NAME = "StereoMatcher.Phase"
-"""What says in a file that an object is of this kind."""
+"""The mark of an object of this kind in a file."""
 
 STORED = (
     "minDisparity",
@@ -22,7 +22,7 @@ STORED = (
     "speckleRange",
     "mode",
 )
-"""The parameters that are kept: those of ``StereoSGBM``."""
+"""The stored parameters: those of ``StereoSGBM``."""
 
 _WORDS = {"none": None, "true": True, "false": False}  # as C++ may have them
 
@@ -33,7 +33,7 @@ def as_text(settings: Mapping[str, Any]) -> str:
 
 
 def from_node(node: Any) -> tuple[dict[str, int], str | None, dict[str, Any] | None]:
-    """Return the parameters, the preset and the settings that a ``cv2.FileNode`` has.
+    """Return the parameters, the preset and the settings in a ``cv2.FileNode``.
 
     Raises
     ------
@@ -58,7 +58,7 @@ def _settings(text: str) -> dict[str, Any]:
 
 
 def as_value(text: str) -> Any:
-    """Return a number, a pair, a truth value or None as such, any other word as itself."""
+    """Return a number, a pair, a boolean or None as such, any other word unchanged."""
     if text.lower() in _WORDS:
         return _WORDS[text.lower()]
     try:

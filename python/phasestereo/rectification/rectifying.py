@@ -54,8 +54,7 @@ def rectify(
           (``cameraMatrix1``, ``M1``, ``mtxL`` ...); a camchain of Kalibr's; a saved rectification.
         - A pair of files (left, right): ROS's camera_info, EuRoC's ``sensor.yaml``; or two that
           complete each other, as ``intrinsics.yml`` and ``extrinsics.yml`` of OpenCV's sample.
-        - A folder: of ``.npy`` files with these names, or with a pair of files such as
-        ``left.yaml``,
+        - A folder: of ``.npy`` files with these names, or with a pair such as ``left.yaml``,
           ``right.yaml`` or ``cam0/sensor.yaml``, ``cam1/sensor.yaml``.
         - A mapping of matrices by name.
         - A `Rectification` of the same cameras.

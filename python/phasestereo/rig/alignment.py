@@ -64,14 +64,12 @@ class Alignment:
 
     @property
     def slope_x(self) -> float:
-        """Pixels per pixel along x, at the center: positive if the right image is turned
-        clockwise."""
+        """Pixels per pixel along x, at the center; positive: right image turned clockwise."""
         return self.coefficients[1] / (self.size[1] / 2)
 
     @property
     def slope_y(self) -> float:
-        """Pixels per pixel along y, at the center: positive if the right image has a larger
-        scale."""
+        """Pixels per pixel along y, at the center; positive: the right image is larger."""
         return self.coefficients[2] / (self.size[0] / 2)
 
     @property
@@ -96,8 +94,7 @@ class Alignment:
 
     @property
     def residual(self) -> float:
-        """The offset left in the match, pixels rms: the error of v if the image was
-        straightened."""
+        """The offset left in the match, pixels rms; the error of v if straightened."""
         return self.error if self.applied else self.rms
 
     def offsets(self, x: NDArray[np.generic], y: NDArray[np.generic]) -> NDArray[np.float64]:

@@ -52,8 +52,9 @@ class SearchRange:
     confidence
         Mean confidence, 0 to 1, of a rough match of small copies over these disparities; NaN if
         there was none.
-    Ends of the range that was found, pixels; NaN if it was not searched for. It is searched for if
-    no range was given, or if the given one matches badly.
+    low, high
+        Ends of the range that was found, pixels; NaN if it was not searched for. It is searched for
+        if no range was given, or if the given one matches badly.
     negative
         Whether every part of the scene has a clearly negative disparity: the images are swapped or
         cropped, or the cameras are so toed in that the whole scene lies behind their crossing
