@@ -1,7 +1,7 @@
 """GPUs for phasestereo, by Vulkan or Metal: ``ps.Matcher(device="gpu")`` opens one.
 
-The processor does all but the search for the best candidates, and that, too, where a GPU does not
-take it or has failed: the result is the same to the bit.
+The GPU only searches for the best candidates; the processor does the rest, and also the search if
+the GPU does not support it or has failed: the result is the same to the bit.
 """
 
 from phasestereo_gpu._gpu import Gpu, __version__, adapters

@@ -4,8 +4,8 @@
 
     outofcore.match("left.tif", "right.tif", "out.tif", num_disparities=256, max_memory="2GB")
 
-Here are the bands that a pair is matched in; `outofcore`, `batch`, `dask`, `geotiff` and `xarray`
-are modules of their own, each of which says which extra it needs.
+This module has the bands in which a pair is matched; `outofcore`, `batch`, `dask`, `geotiff` and
+`xarray` are separate modules, and each names the extra it needs.
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
-"""Bands of rows of a pair, matched by themselves, in any order: they fit to the bit.
+"""Bands of rows of a pair, matched separately, in any order: they fit to the bit.
 
 Some things are the same for all parts, or parts would not fit together: the relative blur and the
 map of it, the noise, the type that holds all values and the range in which they lie, how much
 neighboring gray values differ, how sure the match of some rows is. `pair_statistics` gathers them,
 a few rows at a time.
 
-All else that lies between images and disparities reaches only so far up and down (`halo`): a band
-that is matched together with its halo of rows is that of the whole pair.
+Everything else between images and disparities reaches only a limited number of rows up and down
+(`halo`): a band matched together with its halo equals that part of the whole pair.
 """
 
 from __future__ import annotations
@@ -47,18 +47,18 @@ def pair_statistics(
     known: Known | None = None,
     **overrides: Unpack[SettingsOverrides],
 ) -> PairStatistics:
-    """Gather what must be known of a whole pair, in memory that does not grow with its height.
+    """Gather the statistics of a whole pair, in memory that does not grow with its height.
 
-    Parts are matched at one scale: they come out as `phasestereo.match` has them with
-    ``scales=False``, to the bit.
+    Parts are matched at one scale: they equal those of `phasestereo.match` with ``scales=False``,
+    to the bit.
 
     Parameters
     ----------
     read
-        Called as ``read(first, last)``, several times, some hundred rows at a time; returns the
+        Called as ``read(first, last)``, several times, for some hundred rows at a time; returns the
         rows [first, last) of both images and of their masks, ``(left, right, left_mask,
-        right_mask)``, as `phasestereo.match` takes them; a mask may be None. Other threads than the
-        calling one call it, one at a time. What it raises comes out as it is.
+        right_mask)``, as `phasestereo.match` takes them; a mask may be None. It is called from
+        other threads than the caller's, one call at a time. Its exceptions pass unchanged.
     size
         Rows and columns of either image.
     num_disparities, min_disparity, preset, settings, threads, known, **overrides
@@ -158,7 +158,7 @@ def halo(
     blur_compensation: BlurCompensation | None = None,
     alignment: Alignment | None = None,
 ) -> int:
-    """Return the largest number of rows above and below a band that it depends on.
+    """Return the largest number of rows above and below a band on which its match depends.
 
     Parameters
     ----------
@@ -199,14 +199,14 @@ def match_rows(
     threads: int | _core.Workers | None = None,
     progress: Progress | None = None,
 ) -> Result:
-    """Match the rows [first, last) of a pair by themselves, whatever the settings.
+    """Match the rows [first, last) of a pair separately, with any settings.
 
     Parameters
     ----------
     read
         As `pair_statistics` takes it; it is asked for these rows and those around them.
     statistics
-        What is known of the whole pair.
+        The statistics of the whole pair.
     first, last
         The rows, half-open. Memory grows with their number.
     threads
@@ -217,7 +217,7 @@ def match_rows(
     Returns
     -------
     Result
-        Of these rows alone, without the pair: the same bits as these rows of the whole.
+        For these rows only, without the pair: the same bits as these rows of the whole.
 
     Raises
     ------
@@ -266,7 +266,7 @@ def working_memory(statistics: PairStatistics, rows: int, *, threads: int, items
     Parameters
     ----------
     statistics
-        What is known of the whole pair.
+        The statistics of the whole pair.
     rows
         Rows that are matched at a time.
     threads

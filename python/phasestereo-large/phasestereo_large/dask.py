@@ -1,7 +1,7 @@
-"""Matches of Dask arrays: lazy bands of rows, each a task of its own, on any of Dask's schedulers.
+"""Matches of Dask arrays: lazy bands of rows, one task each, on any of Dask's schedulers.
 
-The bands put together are what `phasestereo.match` with ``scales=False`` finds for the whole pair,
-bit for bit. Dask (extra ``dask``) is imported when it is first needed.
+Together, the bands equal the result of `phasestereo.match` with ``scales=False`` for the whole
+pair, bit for bit. Dask (extra ``dask``) is imported on first use.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class Maps(NamedTuple):
 
 
 def match(left: Array, right: Array, **arguments: Any) -> Array:
-    """Match a rectified stereo pair lazily: `maps` of which only the disparities are wanted.
+    """Match a rectified stereo pair lazily; return only the disparities of `maps`.
 
     Parameters
     ----------
@@ -101,9 +101,9 @@ def maps(
 ) -> Maps:
     """Match a rectified stereo pair lazily; the result has bands of rows as its chunks.
 
-    Each band is one task, which gets its own rows and those above and below that its disparities
-    depend on, however the images are chunked; nothing holds a whole image. The bands together are
-    what `phasestereo.match` with ``scales=False`` returns, bit for bit.
+    Each band is one task. It gets its own rows and those above and below that its disparities
+    depend on, however the images are chunked; nothing holds a whole image. Together, the bands
+    equal the result of `phasestereo.match` with ``scales=False``, bit for bit.
 
     What must be known of the whole pair (its blur and noise, the range of float images) is found
     out **at the call**, window by window, unless it is in ``statistics``: then every pixel is
@@ -122,7 +122,7 @@ def maps(
     left_mask, right_mask
         Dask arrays, or arrays, bool (H, W), True = valid.
     statistics
-        What `pair_statistics` found out about this pair, with these settings.
+        The result of `pair_statistics` for this pair, with these settings.
     band_rows
         Rows of a band; it is made at least as high as its halo. None: 512, or four halos.
 

@@ -1,6 +1,6 @@
-"""GeoTIFF through rasterio: images with what says where on Earth they lie, and which pixels count.
+"""GeoTIFF through rasterio: images with their georeferences and masks.
 
-A georeference goes in and comes out as it is: nothing is reprojected or resampled here.
+Georeferences are read and written unchanged: nothing is reprojected or resampled here.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _PREDICTORS = {"u": 2, "f": 1}  # none for floats: tifffile alone, as in read_im
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Georeference:
-    """Where on Earth the pixels of an image lie.
+    """The place of an image's pixels on Earth.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ class GeoImage:
     mask
         bool (H, W), True = valid; None: all are.
     georeference
-        Where it lies.
+        Its georeference.
     tags
         The metadata of the file by name.
     """
@@ -102,7 +102,7 @@ def read_geotiff(path: StrPath, *, bands: Sequence[int] | None = None) -> GeoIma
     Parameters
     ----------
     path
-        A GeoTIFF file; what GDAL finds beside it (``.tfw``, ``.RPB``, ``.msk`` ...) counts, too.
+        A GeoTIFF file; GDAL's files next to it (``.tfw``, ``.RPB``, ``.msk`` ...) count, too.
     bands
         The number of one band, or of three that are taken for red, green and blue, counted from 1.
         None: the only one, or those that the file calls red, green and blue; alpha goes into the
@@ -135,7 +135,7 @@ def read_geotiff(path: StrPath, *, bands: Sequence[int] | None = None) -> GeoIma
     chosen = None if bands is None else as_bands(bands)
     rasterio = require("rasterio", extra="geo")
     with decoding(path) as content, unplaced_allowed():
-        # GDAL allocates what a file claims to hold: that is checked before.
+        # GDAL allocates the size that a file claims: that is checked first.
         for directory in check_tiff(path, content):
             if directory.has_pixels:
                 check_whole(content, directory)

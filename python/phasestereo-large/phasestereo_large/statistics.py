@@ -55,9 +55,9 @@ class PairStatistics:
         The versions in which pixels are compared, of the whole pair; it has the noise, too. None:
         the images as they are.
     blur
-        What was found out about blur and noise, if that was asked for.
+        The estimates of blur and noise, if requested.
     alignment
-        How the rows of the images correspond, if that was asked for and could be estimated.
+        How the rows of the images correspond, if this was requested and could be estimated.
     search
         The disparities to search, and whether they were given or found. None: they were given.
     packing
@@ -75,7 +75,7 @@ class PairStatistics:
         Overlays of both images, such as clocks, which are masked: of each rectangle the first row
         and that after the last one, then the same of its columns.
     findings
-        What there is to say about the pair, as `phasestereo.check` says it.
+        Findings about the pair, as from `phasestereo.check`.
     roughness
         By how much horizontal neighbors of the left image differ: the sum, in steps of gray
         values, and of how many pairs. None: not needed.
@@ -128,7 +128,7 @@ class PairStatistics:
 
 
 def load(path: str | os.PathLike[str]) -> PairStatistics:
-    """Read what `PairStatistics.save` has written.
+    """Read a file written by `PairStatistics.save`.
 
     Raises
     ------

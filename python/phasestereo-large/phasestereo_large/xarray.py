@@ -116,7 +116,7 @@ def match(
 
 
 def as_dataset(result: Result, *, like: DataArray | None = None) -> Dataset:
-    """Label what a match returned, by the conventions for climate and forecast metadata (CF).
+    """Label the result of a match by the conventions for climate and forecast metadata (CF).
 
     Parameters
     ----------

@@ -5,9 +5,9 @@
     for frame in live.stream("video.mp4", num_disparities=64, layout="side-by-side"):
         frame.result.disparity
 
-`calibrate` finds two cameras by pictures of a board, and `walls` tests them at a wall.
-`video` has what writes videos and draws frames, `ros` reads and writes recordings, `rerun` logs
-frames, `viewer` shows them in a browser. What a part needs besides is imported when it is used.
+`calibrate` calibrates two cameras from pictures of a board, and `walls` tests them at a wall.
+`video` writes videos and draws frames, `ros` reads and writes recordings, `rerun` logs frames,
+`viewer` shows them in a browser. Each part imports its dependencies on first use.
 """
 
 from __future__ import annotations

@@ -167,7 +167,7 @@ class RgbdWriter(Closing):
         self._shots.append(shot)
 
     def close(self) -> None:
-        """Write the lists of what there is; a second time does nothing."""
+        """Write the lists of all frames; a second call does nothing."""
         shots, self._shots = self._shots, []
         if shots:
             {

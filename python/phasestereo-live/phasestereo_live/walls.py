@@ -1,4 +1,4 @@
-"""A flat wall at a known distance, and how makers of depth cameras measure by it."""
+"""A flat wall at a known distance, and the tests that makers of depth cameras run on it."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ class Wall:
         self._squares = np.zeros(size)
 
     def add(self, result: Result) -> None:
-        """Take in a frame.
+        """Add a frame.
 
         Parameters
         ----------
@@ -136,7 +136,7 @@ class Wall:
         self._accumulate(rows, columns, self._reach / shifts)
 
     def test(self, limits: Mapping[str, float] | None = None) -> tuple[Check, ...]:
-        """Compare what the frames show with limits.
+        """Compare the measurements with limits.
 
         Parameters
         ----------

@@ -1,9 +1,9 @@
-"""Many pairs of image files, matched by many processes: of this machine, or of a Dask cluster.
+"""Many pairs of image files, matched by many processes, on this machine or a Dask cluster.
 
-`read_pairs` finds the pairs, `run` matches them. Each result is written by the process that found
-it, whole or not at all; what has become of every pair is in a manifest, by which a rerun does only
-what is missing. Needs the extra ``batch``; with a cluster ``dask``, which is imported when it is
-first needed.
+`read_pairs` finds the pairs, `run` matches them. The process that finds a result writes it,
+completely or not at all. A manifest records the outcome of every pair, so that a rerun does only
+the missing ones. Needs the extra ``batch``; with a cluster ``dask``, which is imported on first
+use.
 """
 
 from __future__ import annotations

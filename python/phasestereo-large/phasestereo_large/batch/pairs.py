@@ -31,11 +31,11 @@ class PairFiles:
     Parameters
     ----------
     name
-        What its result is called, without a suffix; no two pairs of a run have the same.
+        Name of its result, without a suffix; unique within a run.
     left, right
         The files of its images.
     num_disparities, min_disparity
-        The disparities to search; None: those that are found in the images.
+        The disparities to search; None: found in the images.
     left_mask, right_mask
         Images that are not zero where a pixel is valid; None: all are.
     """
@@ -72,8 +72,8 @@ def read_pairs(
           them), whose images are paired by name, else in order, or in files named left... and
           right...
     num_disparities, min_disparity
-        The disparities to search where the list, or ``calib.txt``, does not say; None: those that
-        are found in the images of each pair.
+        The disparities to search if the list, or ``calib.txt``, has none; None: found in the images
+        of each pair.
 
     Raises
     ------
@@ -200,7 +200,7 @@ def _of_scene(scene: Path, search: tuple[int | None, int]) -> PairFiles:
 
 
 def check_names(pairs: Iterable[PairFiles]) -> None:
-    """Refuse pairs whose results could not be written, or not beside each other.
+    """Refuse pairs whose results could not be written, or would overwrite each other.
 
     Raises
     ------

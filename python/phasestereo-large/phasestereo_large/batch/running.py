@@ -41,18 +41,18 @@ class BatchReport:
     pairs
         Number of pairs of the list.
     skipped
-        Number of those that were there already.
+        Number of pairs that already had a result.
     done
-        Number of those that were matched.
+        Number of pairs that were matched.
     failed
-        Records of those that could not be, in the order of the list.
+        Records of pairs that failed, in the order of the list.
     seconds
         Wall-clock time.
     manifest
         The file with the records of all pairs.
     damaged
-        The lines of an earlier manifest that were no records, by their numbers, with what was wrong
-        with them: they are in ``manifest.damaged`` beside it, and their pairs were matched again.
+        The invalid lines of an earlier manifest, by number, with their faults: they are in
+        ``manifest.damaged`` next to it, and their pairs were matched again.
     """
 
     pairs: int
@@ -82,7 +82,7 @@ def run(
     on_failure: Callable[[Record], object] | None = None,
     **overrides: Unpack[SettingsOverrides],
 ) -> BatchReport:
-    """Match many pairs of files by many processes; those that have a result already are skipped.
+    """Match many pairs of files in many processes; skip those that already have a result.
 
     A pair is matched again if its last attempt failed, if a file of its result is missing or not
     as long as it was, or if its images, the settings, the disparities or the version have changed.
@@ -92,22 +92,21 @@ def run(
     pairs
         The pairs, as `read_pairs` finds them.
     folder
-        Where results and the manifest go; it is made if it is not there. Workers write there: it
-        must be the same folder on all machines, as must be the images.
+        Folder for results and the manifest; created if missing. Workers write there: it must be the
+        same folder on all machines, and so must the images.
     scheduler
-        Address of the scheduler of a Dask cluster, such as "tls://host:8786". None: processes of
-        this machine are started for this run, which nobody else can reach.
+        Address of the scheduler of a Dask cluster, such as "tls://host:8786". None: the run starts
+        its own processes on this machine, which nobody else can reach.
     security
-        With a scheduler: a ``distributed.Security`` with the certificates to connect by. Whoever
-        can connect to a scheduler runs what they like on its workers and clients.
+        With a scheduler: a ``distributed.Security`` with the certificates to connect with. Anyone
+        who can connect to a scheduler can run any code on its workers and clients.
     workers
         Number of these processes; None: one per processor.
     threads
-        Threads of each match. None: with processes of this machine, such a number that all
-        processors are busy; with a cluster 1, since a worker matches as many pairs at once as it
-        has threads.
+        Threads of each match. None: on this machine, a number that keeps all processors busy; on a
+        cluster 1, since a worker matches one pair per thread at the same time.
     retries
-        How often a pair that failed, or whose worker died, is tried again once all others are done.
+        Number of retries of a pair that failed, or whose worker died, after all others are done.
     time_limit
         Seconds that a pair may take, reading and writing included; None: any number. Processes of
         this machine that do not end then are ended.
@@ -127,7 +126,7 @@ def run(
     Returns
     -------
     BatchReport
-        What it came to. Pairs that failed are no error.
+        The outcome. Pairs that failed are not an error.
 
     Raises
     ------

@@ -58,10 +58,10 @@ def match(
 ) -> MapReport:
     """Match a rectified stereo pair that need not fit into memory, from file to file.
 
-    What comes out is what `phasestereo.match` with ``scales=False`` returns for the whole pair, to
-    the bit. The pair is matched in bands, each by itself; finished bands are kept in a folder
-    beside the output (``out.tif.part``), and the same call matches the others after whatever ended
-    it. The folder is removed in the end.
+    The result equals that of `phasestereo.match` with ``scales=False`` for the whole pair, to the
+    bit. The pair is matched in separate bands. Finished bands are kept in a folder next to the
+    output (``out.tif.part``); after an interruption, the same call matches the others. The folder
+    is removed at the end.
 
     Parameters
     ----------
@@ -86,8 +86,8 @@ def match(
         Rows of a band; None: the most that the memory allows, up to 2048. Rows around a band are
         matched with it (`phasestereo_large.halo`), so low bands take longer.
     restart
-        Whether to drop what an earlier run left finished. Otherwise it is gone on from, if it is of
-        the same inputs, settings and version; memory, threads and rows may differ.
+        Whether to drop the bands that an earlier run finished. Otherwise this run continues it, if
+        inputs, settings and version are the same; memory, threads and rows may differ.
     announce
         Called with the `Plan` before the first band, and again after it, with the time that it
         took taken into account.
@@ -102,7 +102,7 @@ def match(
     Returns
     -------
     MapReport
-        What there is to say about the map; not the map.
+        A report about the map; not the map.
 
     Raises
     ------

@@ -56,7 +56,7 @@ def calibrate(
     marker: float | None = None,
     layout: Layout | None = None,
 ) -> StereoCalibration:
-    """Calibrate two cameras by pictures of a board that both see.
+    """Calibrate two cameras from pictures of a board that both see.
 
     Parameters
     ----------

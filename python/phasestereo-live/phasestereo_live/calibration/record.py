@@ -32,7 +32,7 @@ _STEP = 1e-3  # standard deviations: a step of the derivatives
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class BoardView:
-    """One pair of pictures, and what became of it.
+    """One pair of pictures, and its use in the calibration.
 
     Parameters
     ----------
@@ -43,9 +43,9 @@ class BoardView:
     left, right
         Where they are, (N, 2), pixels; (0, 2) where there are none.
     used
-        Whether the calibration is made of it.
+        Whether the calibration uses it.
     reason
-        Why not, in words; empty if it is.
+        The reason if not, in words; else empty.
     error
         Root mean square distance of its corners from where the cameras see them, pixels. NaN if the
         board was not found.
@@ -84,7 +84,7 @@ class DepthError(NamedTuple):
         the directions of both (rotation, principal points, distortion). Together they are known
         better than each alone, so `calibration` may be less than any of them.
     calibration
-        What all of that makes together.
+        All of these together.
     total
         Disparity and calibration.
     """
@@ -132,7 +132,7 @@ class StereoCalibration:
     coverage
         Corners in each cell of 6 x 8 of the left and of the right image, int (6, 8).
     advice
-        What to take next, a sentence each; empty if nothing is missing.
+        The next pictures to take, a sentence each; empty if nothing is missing.
     fisheye
         Whether the lenses are those of ``cv2.fisheye``.
 
@@ -296,7 +296,7 @@ class StereoCalibration:
         replace_text(path, storage.releaseAndGetString())
 
     def __repr__(self) -> str:
-        """Show the size and how well it fits: arrays would say nothing."""
+        """Show the size and the errors, not the arrays."""
         used = sum(view.used for view in self.views)
         return (
             f"<StereoCalibration {self.size[0]}x{self.size[1]} from {used} of {len(self.views)} "

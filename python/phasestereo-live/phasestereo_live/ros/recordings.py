@@ -46,12 +46,12 @@ class Recording(CaptureSource[Pair]):
     headers
         Of each pair by its number: that of its left message. Whoever needs one takes it out.
     cameras
-        What rectifies the pairs, for ``stream(..., rectify=)``; None: they are rectified, or
-        nothing is known of the cameras.
+        What rectifies the pairs, for ``stream(..., rectify=)``; None: they are rectified already,
+        or the cameras are unknown.
     q
         OpenCV's matrix Q of the rectified pairs, in m; None: not known.
     note
-        What there is to say about the calibration; "" if nothing is.
+        Remarks on the calibration; "" if there are none.
     third
         The third camera and the frame of its images; None: none was asked for.
     vertical

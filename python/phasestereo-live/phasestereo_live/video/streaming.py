@@ -78,14 +78,14 @@ class Frame:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Failure:
-    """A frame that could not be had or not be matched.
+    """A frame that could not be read or matched.
 
     Parameters
     ----------
     index, time
         As those of a `Frame`.
     error
-        What went wrong: an OSError, ValueError or TypeError.
+        The error: an OSError, ValueError or TypeError.
     """
 
     index: int
@@ -127,10 +127,9 @@ def stream(
 ) -> Stream:
     """Match every frame of a video, a folder of images, or a pair of cameras.
 
-    One `phasestereo.Rig` matches them all, and learns what the cameras are. Frames that fail are
-    reported and skipped: those that are damaged or missing, or whose two images differ in size or
-    type where those of the first frame do not.
-    Whatever is wrong from the start is raised at once.
+    One `phasestereo.Rig` matches them all, and learns the geometry of the cameras. Frames that fail
+    are reported and skipped: damaged or missing ones, and those whose two images differ in size or
+    type although those of the first frame agree. Errors in the arguments are raised at once.
 
     Parameters
     ----------
@@ -162,17 +161,18 @@ def stream(
         The blur is estimated again when a quick look shows a change, and at the latest this number
         of frames after the last estimate; 1: every frame is matched by itself. See the notes.
     temporal_filter
-        Make disparities steadier where neither image has changed, as `phasestereo.TemporalFilter`
-        does; ``frame.result.temporal_support`` says where. False: each frame by itself.
+        Whether to steady disparities where neither image has changed, as
+        `phasestereo.TemporalFilter` does; ``frame.result.temporal_support`` shows where. False:
+        each frame on its own.
     patience
-        Frames in a row that cameras may miss before they count as gone; None: they are waited for.
+        Frames in a row that cameras may miss before they count as gone; None: wait for them.
     on_error
         Called with a `Failure` for every frame that fails; what it raises ends the stream. None:
         it becomes a warning of the logger ``phasestereo``.
     num_disparities, min_disparity, preset, settings, threads, left_mask, right_mask, **overrides
         As `match` takes them; masks hold for every frame.
     known
-        What is known of every frame.
+        Known facts of every frame.
     vertical
         Whether the right camera is below the left one, as `match` takes it. None: it is where the
         first frames show it clearly, or the calibration says so.
@@ -348,12 +348,12 @@ class Stream(Iterator[Frame], Closing):
         return None if self._work.rectifier is None else self._work.rectifier.found
 
     def change(self, settings: Settings, num_disparities: int | None) -> None:
-        """Match the frames from the next one on in another way; any thread may call it.
+        """Change the settings from the next frame on; any thread may call it.
 
         Parameters
         ----------
         settings
-            How.
+            The new settings.
         num_disparities
             Number of disparities to search; None: found from the images.
 
