@@ -1,27 +1,27 @@
-//! Matching over scales: one answer whatever the sensor's sampling.
+//! Matching over scales: results that do not depend on the sampling of the sensor.
 //!
-//! The windows of codes and costs are a few pixels wide. Where a large image shows a plain wall, they hold
-//! noise alone, and a copy of half the size, in which they reach twice as far and noise is halved, holds what
-//! the image shows. So a map is decided, coarse to fine, between itself and that of such a copy, by the
-//! probability that each is right:
+//! The windows of codes and costs are a few pixels wide. On a plain wall in a large image, they contain only
+//! noise. In a copy of half the size, they reach twice as far and noise is halved, so they contain what the
+//! image shows. So each map, coarse to fine, is combined with that of such a copy, by the probability that
+//! each is right:
 //!
 //! ```text
 //! decided(pair):
-//!     map = match(pair)                                       calibrated confidences; ranges of panels: ranges.rs
+//!     map = match(pair)                             calibrated confidences; ranges of panels: ranges.rs
 //!     if many pixels are in doubt, and a copy is not too small:
 //!         coarse = decided(pair / 2)
-//!         map = choice of map and coarse                      (choice.rs)
+//!         map = choice of map and coarse            (choice.rs)
 //!     return map
 //!
 //! map = decided(pair); if some pixels were in doubt, flat areas become planes (planes.rs)
 //! ```
 //!
-//! Where the map as it is has evidence, nothing changes: thin things and edges are the fine scale's. The
-//! number of scales is not chosen, it follows from where doubt ends.
+//! Where the original map has evidence, nothing changes: the fine scale decides thin objects and edges. The
+//! number of scales follows from where doubt ends; it is not chosen.
 //!
-//! Passing a left-right check at a smaller scale, or a higher raw confidence there, is not evidence: what is
-//! filled in at the full size is often right where the copy matches by mistake. Calibrated confidences know
-//! both.
+//! Passing a left-right check at a smaller scale, or a higher raw confidence there, is not evidence: filled
+//! pixels at the full size are often right where the copy matches by mistake. Calibrated confidences account
+//! for both.
 
 pub mod choice;
 pub mod choices;
@@ -48,16 +48,16 @@ use phasestereo_match::matcher::summary::Summary;
 use phasestereo_match::pair::Pair;
 use phasestereo_match::settings::Settings;
 
-/// Share of the pixels in doubt from which on planes are looked for.
+/// Share of the pixels in doubt above which planes are searched.
 const SOME: f64 = 0.01;
-/// Share of the pixels in doubt from which on a smaller copy is matched: of sharp pairs with fewer it decides
+/// Share of the pixels in doubt above which a smaller copy is matched: in sharp pairs with fewer, it decides
 /// less than 1 %.
 const MANY: f64 = 0.05;
-/// Most pixels of the copy that a diagnosis matches: that takes about as long as the estimates.
+/// Most pixels of the copy that a diagnosis matches: this takes about as long as the estimates.
 const MOST_OF_COPY: usize = 400_000;
 
 /// Matches a prepared pair as [`phasestereo_match::matcher::Matcher::match_pair`] does, and decides over
-/// scales where these settings, from which it was prepared, ask for it.
+/// scales if the settings from which it was prepared ask for it.
 pub fn match_over_scales(prepared: &Prepared, settings: &Settings, runtime: Runtime) -> Result<Disparity> {
     let Prepared { pair, settings: suited, estimates } = prepared;
     let Runtime { matcher, execution, control } = runtime;
@@ -68,7 +68,7 @@ pub fn match_over_scales(prepared: &Prepared, settings: &Settings, runtime: Runt
         matcher.match_calibrated(pair, &Section::whole(pair), suited, execution, control)?
     };
     if estimates.is_one_image() {
-        // All agrees at disparity 0, which is not that of anything.
+        // Everything agrees at disparity 0, which no object has.
         let all = map.disparity.map(|_| true);
         planes::doubt(&mut map, &all);
         map.wrong = map.wrong.map(|wrong| wrong.max(f64::from(1.0 - UNSEEN)));
@@ -77,8 +77,8 @@ pub fn match_over_scales(prepared: &Prepared, settings: &Settings, runtime: Runt
     Ok(map.returned(suited))
 }
 
-/// Matches a pair by the settings that suit it, and decides over scales by those it was prepared from.
-/// `noise` is the standard deviation of the left image's, in units of the pixels; 0: unknown.
+/// Matches a pair with the settings adapted to it, and decides over scales with those it was prepared from.
+/// `noise`: its standard deviation in the left image, in units of the pixels; 0: unknown.
 fn decided(
     pair: &Pair,
     suited: &Settings,
@@ -92,7 +92,7 @@ fn decided(
     if let Some(doubt) = Doubt::of_map(&map, runtime.level())?
         && doubt.share() > SOME
     {
-        // Copies take about as long as the match, and planes less.
+        // Copies take about as long as the match, planes less.
         map.timings.is_cut_short = !runtime.control.has_time_for(map.timings.total());
         if !map.timings.is_cut_short {
             decide(&mut map, doubt, pair, settings, runtime)?;
@@ -104,7 +104,7 @@ fn decided(
     Ok(map)
 }
 
-/// Draws planes into a map of a pair that others had a part in, as into that of a match.
+/// Draws planes into a map fused with others, as into that of a match.
 pub fn draw_planes(map: &mut Disparity, prepared: &Prepared, runtime: Runtime) -> Result<()> {
     let doubt = Doubt::of_map(map, runtime.level())?.map_or(0.0, |doubt| doubt.share());
     if prepared.settings.scales && doubt > SOME {
@@ -113,7 +113,7 @@ pub fn draw_planes(map: &mut Disparity, prepared: &Prepared, runtime: Runtime) -
     Ok(())
 }
 
-/// Matches a pair by itself, each panel where its disparities are to be expected.
+/// Matches the pair itself, each panel over its expected disparities.
 fn matched(pair: &Pair, settings: &Settings, runtime: Runtime) -> Result<Disparity> {
     let started = Instant::now();
     let ranges = panel_ranges(pair, settings.optimizer, runtime)?;
@@ -127,8 +127,8 @@ fn matched(pair: &Pair, settings: &Settings, runtime: Runtime) -> Result<Dispari
     Ok(map)
 }
 
-/// Matches a copy of a prepared pair of at most `MOST_OF_COPY` pixels, or the pair itself if it is as small.
-/// The result: the estimates of the copy, the shares of its pixels, and its size.
+/// Matches a copy of a prepared pair with at most `MOST_OF_COPY` pixels, or the pair itself if it is that
+/// small. Returns the estimates of the copy, the shares of its pixels, and its size.
 pub fn match_copy(
     prepared: &Prepared,
     settings: &Settings,
@@ -150,8 +150,8 @@ pub fn match_copy(
     Ok((copy.estimates.clone(), summary, copy.pair.size()))
 }
 
-/// Makes a smaller copy of a prepared pair ready. Its rows correspond by now. Noise and blur are others: those of
-/// means.
+/// Prepares a smaller copy of a prepared pair. Its rows already correspond. Its noise and blur differ: they
+/// are those of means.
 fn prepared_copy(copy: Pair, settings: &Settings, runtime: Runtime) -> Result<Prepared> {
     let facts = Facts {
         candidates: Some(Fact::scaled(copy.candidates())),
@@ -173,7 +173,7 @@ fn decide(
     let copy = if doubt.share() > MANY { halved(pair) } else { None };
     let Some(copy) = copy else { return Ok(()) };
 
-    // Its progress is not that of the map.
+    // Its progress is separate from the map's.
     let control = runtime.control.aside();
     let runtime = Runtime { control: &control, ..runtime };
     let Prepared { pair: copy, settings: suited, .. } = prepared_copy(copy, settings, runtime)?;

@@ -1,38 +1,41 @@
-//! Areas that match outside the run of disparities that most of a pair has: small, near or thin things.
+//! Areas that match outside the run of disparities of most of the pair: small, near or thin objects.
 //!
-//! Where pixels cost much along the run, every disparity within reach is tried, on copies of the images, by
-//! the codes of small neighborhoods summed over small windows: things a few pixels wide fill them. A rough
-//! match of the run says first where that may be: most pixels cost little at the disparities that it found.
+//! Where pixels cost much along the run, every disparity within reach is tried, on copies of the images, with
+//! the codes of small neighborhoods summed over small windows, which objects a few pixels wide fill. A rough
+//! match of the run first shows where that may be: most pixels cost little at the disparities that it found.
 //!
 //! ```text
-//! sum(y, x, d)    = bits in which the codes of left (y, x) and right (y, x - d) differ, summed over a window around them
-//! guessed         = the same sum, but each pixel of the window has the disparity that the rough match found there; if that
-//!                   is one of smaller copies, the least of those that this may stand for
+//! sum(y, x, d)    = bits in which the codes of left (y, x) and right (y, x - d) differ,
+//!                   summed over a window around them
+//! guessed         = the same sum, but each pixel of the window has the disparity that the rough match
+//!                   found there; if that is one of smaller copies, the least of those that it stands for
 //! usual           = the median of guessed, of the pixels that see the middle of the run
 //! much            = usual + bits of the window / DEAR
-//! doubtful pixel  = guessed is above much in MANY pixels of its block, and so is the least sum along the run of the pixel
+//! doubtful pixel  = guessed is above much in MANY pixels of its block,
+//!                   and so is the least sum along the run of the pixel
 //! block           = searched if it has MANY doubtful pixels
 //! own, d          = min, argmin of sum(y, x, d) over the d outside the run
 //! along           = min of sum(y, x, d) over the run
 //! elsewhere       = min of sum(y, x, d') over all d' but d and those NEXT to it
 //! stands out      = own < 7/8 min(along, elsewhere)
-//! area            = pixels that stand out, connected over at most GAP rows and columns by disparities that differ by 1
-//!                   at most
+//! area            = pixels that stand out, connected over at most GAP rows and columns
+//!                   by disparities that differ by 1 at most
 //! seen            = the same search from the right image at x - d finds -d, or one NEXT to it
 //! gain            = sum of min(along, elsewhere) - own over an area: by how many bits it is better explained
 //! ```
 //!
-//! Things of a few pixels are lost in copies of half the size: on a bar of 4 px, the true disparity costs 83
+//! Objects of a few pixels are lost in copies of half the size: on a bar of 4 px, the true disparity costs 83
 //! of 216 bits there, the best along the run 55; at full size 41 and 68 of 200. The finest copies are too
-//! large to be searched wherever the smaller ones cost much. Votes of sparse pixels nominate the blocks that
-//! are:
+//! large to be searched wherever the smaller ones cost much. Votes of sparse pixels nominate the blocks to
+//! search:
 //!
 //! ```text
 //! chance          = the median of the least sums along the run where the right image has other rows
 //! much            = at most halfway from usual to chance
-//! vote(block, d)  = bits in which the codes of the doubtful pixels of a block of the finest copies differ, of every
-//!                   VOTING-th row
-//! nominated       = blocks whose vote stands out, with their neighbors, where those that agree gain NOMINATED bits
+//! vote(block, d)  = bits in which the codes of the doubtful pixels of a block of the finest copies differ,
+//!                   of every VOTING-th row
+//! nominated       = blocks whose vote stands out, with their neighbors,
+//!                   where those that agree gain NOMINATED bits
 //! ```
 
 mod blocks;
@@ -60,19 +63,19 @@ use phasestereo_match::pair::candidates::Candidates;
 use phasestereo_match::settings::Settings;
 use phasestereo_match::settings::presets::Preset;
 
-/// Rows, and columns, on either side of the middle of a window. Sums over it of codes of 8 bits fit a byte.
+/// Rows and columns on either side of the middle of a window. Sums over it of 8-bit codes fit into a byte.
 pub type Around = (usize, usize);
-/// Tall windows lie within upright things, ...
+/// Tall windows lie within upright objects, ...
 const TALL: Around = (4, 1);
-/// ... flat ones within bars across, ...
+/// ... flat ones within horizontal bars, ...
 const FLAT: Around = (1, 2);
 /// ... and small ones of the finest copies within both.
 const SQUARE: Around = (2, 2);
 /// Rows of a task that sums at the guessed disparities.
 const GUESSED_ROWS: usize = 64;
-/// Above the median, one in this many of the bits of a window is much.
+/// Sums above the median by more than a window's bits divided by this are much.
 const DEAR: usize = 8;
-/// Bits by which the votes of neighboring blocks agree, from which on they are searched. Not swept.
+/// Bits by which the votes of neighboring blocks must agree to be searched. Not swept.
 const NOMINATED: u64 = 15;
 /// Rows and columns between neighbors: single pixels that do not stand out divide no area.
 const GAP: usize = 2;
@@ -90,9 +93,9 @@ pub struct Area {
     pub span: Span,
     /// Number of pixels.
     pub size: usize,
-    /// How many of them are found again from the right image.
+    /// Number of them that are found again from the right image.
     pub seen: usize,
-    /// By how many bits its pixels are better explained than by any other disparity.
+    /// Bits by which its pixels are better explained than by any other disparity.
     pub gain: u64,
 }
 
@@ -101,14 +104,14 @@ pub struct Area {
 pub struct Standout {
     /// The candidate with the least sum outside the run.
     pub chosen: u16,
-    /// By how many bits nothing else fits as well.
+    /// Bits by which it fits better than anything else.
     pub gain: u16,
 }
 
 /// A pixel that stands out, and its place in the copy.
 type Member = (usize, Standout);
 
-/// What is searched: the codes of both copies, and the run.
+/// The search: the codes of both copies, and the run.
 struct AreaSearch<'a> {
     codes: [Plane<u8>; 2],
     /// Whether the pixels of the left copy are valid.
@@ -118,8 +121,7 @@ struct AreaSearch<'a> {
     runtime: Runtime<'a>,
 }
 
-/// The areas that match outside a run of disparities of the copies, from the top left, of those that are
-/// tried.
+/// The areas that match outside a run of disparities of the copies, among those tried, from the top left.
 pub fn areas(
     copies: &Overview,
     guess: Guess,
@@ -133,8 +135,8 @@ pub fn areas(
     search.areas(tried, &Blocks::of(&doubtful))
 }
 
-/// The areas of the finest copies: of things so small or thin that copies of half their size, or of the same,
-/// hardly show them. `guess` is of the latter, `run` and `tried` are disparities of the finest.
+/// The areas of the finest copies: of objects so small or thin that copies of half their size, or of the
+/// same, hardly show them. `guess` is for `copies`, `run` and `tried` are disparities of the finest.
 pub fn fine_areas(
     [finest, copies]: [&Overview; 2],
     guess: Guess,
@@ -166,7 +168,7 @@ impl<'a> AreaSearch<'a> {
         Ok(Self { codes, valid: &copies.valid, run, around, runtime })
     }
 
-    /// The areas in these blocks, where a span of disparities is tried.
+    /// The areas in these blocks, with a span of disparities tried.
     fn areas(&self, tried: Span, blocks: &Blocks) -> Result<Vec<Area>> {
         if !blocks.is_searched.contains(&true) {
             return Ok(vec![]);
@@ -218,8 +220,8 @@ impl<'a> AreaSearch<'a> {
         areas.par_iter().map(area).collect()
     }
 
-    /// The pixels that cost much along the run, in blocks with enough of them, of those that see the middle
-    /// of it. With `is_halved`, much is at most halfway to what unlike rows cost.
+    /// The pixels that cost much along the run, in blocks with enough of them, among those that see its
+    /// middle. With `is_halved`, much is at most halfway to the cost of unlike rows.
     fn doubtful(&self, guess: Guess, is_halved: bool) -> Result<Plane<bool>> {
         let (rows, cols) = self.codes[0].size();
         let sums = self.guessed(guess)?;
@@ -261,7 +263,7 @@ impl<'a> AreaSearch<'a> {
         much(&self.along([left, right], &blocks)?)
     }
 
-    /// The median of the least sums along the run of rows that have nothing to do with each other.
+    /// The median of the least sums along the run of unrelated rows.
     fn chance(&self) -> Result<usize> {
         let [left, right] = &self.codes;
         let (rows, cols) = left.size();
@@ -280,7 +282,7 @@ impl<'a> AreaSearch<'a> {
         sums.write_bands(GUESSED_ROWS, |top, band| {
             control.checkpoint()?;
             band.fill(u8::MAX);
-            // A disparity of smaller copies stands for several here.
+            // A disparity of smaller copies represents several here.
             let within = guess.finer as i32 / 2;
             for off in -within..=within {
                 let (codes, run, around) = ([left, right], self.run, self.around);
@@ -399,12 +401,12 @@ pub fn codes_of(copies: &Overview, field: Option<&Alignment>, runtime: Runtime) 
     })
 }
 
-/// The settings of the codes: those of 8 bits, of the smallest neighborhoods.
+/// The settings of the codes: 8 bits, from the smallest neighborhoods.
 fn codes() -> Settings {
     Settings { neighborhood: 3, frequencies: (1, 1), ..Preset::Paper.settings() }
 }
 
-/// The median of sums; 0 of none.
+/// The median of sums; 0 without any.
 pub fn median(sums: impl Iterator<Item = u8>) -> usize {
     let mut counts = [0usize; u8::MAX as usize + 1];
     sums.for_each(|sum| counts[usize::from(sum)] += 1);
@@ -417,7 +419,7 @@ pub fn median(sums: impl Iterator<Item = u8>) -> usize {
     at.unwrap_or_default()
 }
 
-/// The pixels of each area; those that stand out are in the order of their places.
+/// The pixels of each area; `found` is in the order of places.
 fn connected(found: &[Member], cols: usize) -> Vec<Vec<Member>> {
     let mut is_open = vec![true; found.len()];
     let mut areas = vec![];

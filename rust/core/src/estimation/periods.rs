@@ -1,7 +1,7 @@
-//! Texture that repeats itself over much of an image, as that of fences, tiles and bricks: several
-//! disparities fit alike.
+//! Texture that repeats over much of an image, such as fences, tiles and bricks: several disparities fit
+//! alike.
 //!
-//! Blocks all over the image are compared with the other one at every disparity that they see, by the codes
+//! Blocks all over the image are compared with the other image at every disparity that they see, by the codes
 //! of their pixels.
 //!
 //! ```text
@@ -9,13 +9,13 @@
 //! own        = the least of them
 //! chance     = their median; a block is judged if chance - own is at least CLEAR
 //! d fits     : sum(d) <= own + (chance - own) / 4
-//! ambiguous  = several d fit, between which sum rises to half of that way at least: not those of one edge
+//! ambiguous  = several d fit, between which sum rises above half of that way: not those of one edge
 //! repeated   : one in AMBIGUOUS of the judged blocks is ambiguous
 //! period     = d at which ambiguous blocks fit: one in FITTING of the judged ones that see d
 //! ```
 //!
-//! Which of the periods is the true one is not seen in such texture. All are searched, of both signs: then
-//! several fit every pixel, which is not trusted.
+//! Such texture does not show which of the periods is the true one. All are searched, of both signs: then
+//! several fit every pixel, so it is not trusted.
 
 use std::ops::Range;
 
@@ -28,20 +28,20 @@ use phasestereo_match::matcher::runtime::Runtime;
 use phasestereo_match::pair::alignment::Alignment;
 use phasestereo_match::pair::candidates::Candidates;
 
-/// Bits by which a block has to match better than by chance to be judged: about a third of what unlike ones
-/// differ by.
+/// Bits by which a block must match better than by chance to be judged: about a third of the difference of
+/// unlike ones.
 const CLEAR: usize = 40;
-/// One in this many of the judged blocks is ambiguous. Of 20 pairs without such walls, 2 to 37 % of the
-/// blocks are, with noise of 5 gray levels 10 to 49 %; of walls, all.
+/// One in this many judged blocks must be ambiguous. Of 20 pairs without such walls, 2 to 37 % of the blocks
+/// are, with noise of 5 gray levels 10 to 49 %; of walls, all.
 const AMBIGUOUS: usize = 2;
-/// One in this many of the judged blocks that see a period fits there: fewer than all, since whole
-/// disparities of copies may miss it.
+/// A period must fit one in this many judged blocks that see it: fewer than all, since whole disparities of
+/// copies may miss it.
 const FITTING: usize = 3;
-/// Fewest blocks that are judged, ...
+/// Fewest judged blocks, ...
 const LEAST_JUDGED: usize = SAMPLED / 4;
-/// ... and that see a disparity.
+/// ... and fewest that see a disparity.
 const LEAST_SEEING: usize = SAMPLED / 8;
-/// Periods below zero that are searched: with two, pixels at the left border see several, too.
+/// Periods below zero to search: with two, pixels at the left border also see several.
 const BELOW: usize = 2;
 
 /// How often a disparity was seen, and fitted an ambiguous block.
@@ -51,7 +51,7 @@ struct Count {
     fits: usize,
 }
 
-/// The least and the largest disparity of copies at which their texture repeats itself; `None`: it does not.
+/// The least and largest disparity of copies at which their texture repeats; `None`: it does not.
 pub fn periods(copies: &Overview, field: Option<&Alignment>, runtime: Runtime) -> Result<Option<Span>> {
     let codes = codes_of(copies, field, runtime)?;
     let [left, right] = &codes;
@@ -72,7 +72,7 @@ pub fn periods(copies: &Overview, field: Option<&Alignment>, runtime: Runtime) -
         ambiguous += usize::from(fits.contains(&true));
         for (at, count) in counts[seen].iter_mut().enumerate() {
             count.seen += 1;
-            // Blocks at slightly unlike disparities have the same period.
+            // Blocks at slightly different disparities have the same period.
             count.fits += usize::from(fits[around(at, 1, fits.len())].contains(&true));
         }
     }
@@ -81,13 +81,13 @@ pub fn periods(copies: &Overview, field: Option<&Alignment>, runtime: Runtime) -
     Ok(is_repeated.then(|| extent(&counts, tried)).flatten())
 }
 
-/// The candidates that all of these columns see.
+/// The candidates seen by all these columns.
 fn seen(tried: Candidates, columns: Range<usize>, cols: usize) -> Range<usize> {
     // Column x sees x + 1 - cols to x.
     tried.index(columns.end as isize - cols as isize)..tried.index(columns.start as isize + 1)
 }
 
-/// Where the sums of a block are nearly as small as the least one, if that is so at several places; `None`:
+/// Where the sums of a block are nearly as small as the least one, if there are several such places; `None`:
 /// nothing is clear.
 fn fitting(sums: &[u8]) -> Option<Vec<bool>> {
     let own = usize::from(sums.iter().copied().min()?);
@@ -106,7 +106,7 @@ fn fitting(sums: &[u8]) -> Option<Vec<bool>> {
     Some(fits)
 }
 
-/// The ends of the periods: all from zero on, and the first ones below it.
+/// The ends of the periods: all from zero up, and the first ones below zero.
 fn extent(counts: &[Count], tried: Candidates) -> Option<Span> {
     let is_one = |count: &Count| count.seen >= LEAST_SEEING && count.fits * FITTING >= count.seen;
     let periods: Vec<isize> =
@@ -136,7 +136,7 @@ mod tests {
         assert_eq!(places(&sums(&[9])), Some(vec![]));
         assert_eq!(places(&sums(&[9, 10, 11])), Some(vec![]));
         assert_eq!(places(&sums(&[9, 20, 31])), Some(vec![9, 20, 31]));
-        // A slope between them is that of one edge.
+        // A slope between them belongs to one edge.
         let mut edge = sums(&[9, 12]);
         edge[10..12].fill(60);
         assert_eq!(places(&edge), Some(vec![]));

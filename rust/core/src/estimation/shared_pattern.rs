@@ -1,9 +1,9 @@
-//! The same faint pattern in both images: the fixed pattern noise of one camera that was moved, dust, film
-//! grain, a mesh.
+//! The same faint pattern in both images: the fixed pattern noise of one moved camera, dust, film grain, a
+//! mesh.
 //!
-//! It matches at disparity 0, everywhere, better than faint texture does at its own. What the images share at
-//! the same place is seen in the signs of their fine detail; at the scale of pixels it is more, for its size,
-//! than in copies of a quarter, in which a pattern averages out, and a scene that is there does not:
+//! It matches at disparity 0, everywhere, better than faint texture does at its own. The signs of fine detail
+//! show what the images share at the same place. In copies of a quarter, a pattern averages out, but a scene
+//! at disparity 0 does not. So a pattern leads clearly more at the scale of pixels:
 //!
 //! ```text
 //! fine     = g - (1 4 6 4 1)/16 x (1 4 6 4 1)/16 * g
@@ -27,29 +27,29 @@ use phasestereo_match::image::pixels::{Image, Input};
 use phasestereo_match::image::view::View;
 use phasestereo_match::pair::Pair;
 
-/// Least lead of a pattern. Of 42 pairs without one (12 scenes sharp, compressed, noisy; table tops, planes,
+/// Least lead of a pattern. In 42 pairs without one (12 scenes sharp, compressed, noisy; table tops, planes,
 /// streets) the largest is 0.024; with white patterns of 1, 2 and 4 gray levels and noise of 0.7, 9, 12 and
-/// 12 of 12 scenes are above.
+/// 12 of 12 scenes are above it.
 const LEAST_LEAD: f64 = 0.04;
-/// Share of the lead that copies have at most: 0.24 with white patterns; where much of the scene is at
+/// The lead of copies stays below this share: 0.24 with white patterns; where much of the scene is at
 /// disparity 0, 1.4 and more.
 const QUARTER: f64 = 0.5;
-/// Side of the squares that become a pixel of a copy.
+/// Side of the squares that become one pixel of a copy.
 const COPY: usize = 4;
 /// Gray levels of 8 bits: larger common parts are not faint.
 const MOST: f64 = 12.0;
 /// Standard deviation of the fine part of white noise of 1.
 const GAIN: f64 = 0.891;
-/// Disparities at which patterns are compared: that of a pattern comes first.
+/// Disparities at which patterns are compared: first that of a pattern.
 const SHIFTS: [isize; 5] = [0, -3, -2, 2, 3];
-/// Enough pixels: by chance, their means are off by 0.005.
+/// Enough pixels: by chance, their means deviate by 0.005.
 const ENOUGH: usize = 1 << 16;
 /// Weights along an axis; their sum is 16.
 const WEIGHTS: [i32; 5] = [1, 4, 6, 4, 1];
 const WHOLE: i32 = 256;
 
-/// The pair without a pattern that both images share, and how strong that was, in units of the pixels;
-/// `None`: there is none.
+/// The pair without a pattern that both images share, and its strength, in units of the pixels; `None`: no
+/// pattern.
 pub fn removed(pair: &Pair) -> Result<Option<(Pair, f64)>> {
     let (rows, cols) = pair.size();
     if rows.min(cols) < LEAST_SIZE {
@@ -85,7 +85,7 @@ pub fn removed(pair: &Pair) -> Result<Option<(Pair, f64)>> {
     Ok(Some((pair.with_views(clean.views().map(View::clone)), strength * unit)))
 }
 
-/// Gray values, and how many of their lowest bits are left out, so that sums over windows fit.
+/// Gray values, and how many of their lowest bits are dropped so that sums over windows fit.
 type Short<'a> = (&'a Plane<i32>, u32);
 
 /// The sums of squares.
@@ -97,7 +97,7 @@ fn quarter((gray, surplus): Short) -> Plane<i32> {
     })
 }
 
-/// By how much signs agree better at the same place than beside it, of one row in `every`.
+/// By how much signs agree better at the same place than beside it, in one row in `every`.
 fn lead(grays: [Short; 2], every: usize) -> f64 {
     let (rows, cols) = grays[0].0.size();
     let sampled: Vec<usize> = (2..rows.saturating_sub(2)).step_by(every).collect();
@@ -149,7 +149,7 @@ fn fine_at(gray: &Plane<i32>, y: usize, x: usize) -> f64 {
     f64::from(gray.row(y)[x]) - smooth as f64 / f64::from(WHOLE)
 }
 
-/// What two fine values have in common.
+/// The common part of two fine values.
 fn common(a: f64, b: f64) -> f64 {
     if a * b > 0.0 { a.signum() * a.abs().min(b.abs()).min(MOST) } else { 0.0 }
 }
@@ -178,7 +178,7 @@ mod tests {
 
     const SIZE: (usize, usize) = (240, 320);
 
-    /// A pair to which every pixel of `pattern` is added, in both images, and noise of their own.
+    /// A pair with `pattern` added to every pixel of both images.
     fn with(fault: Fault, pattern: impl Fn(usize, usize) -> i32) -> Pair {
         let inputs = pair(fault, SIZE, 0).map(|input| {
             let Image::U8(pixels) = input.image else { unreachable!("gray bytes") };

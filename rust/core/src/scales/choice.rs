@@ -1,17 +1,18 @@
 //! The choice, pixel by pixel, between a map and that of the pair at half the size.
 //!
-//! A confidence is the probability that a disparity is within 1 px of the true one, so the two are compared,
-//! once that of the copy is of the same pixels. The tolerance there is half as large:
+//! A confidence is the probability that a disparity is within 1 px of the true one. So the two are compared,
+//! after that of the copy is converted to the pixels of the map, where the tolerance is half as large:
 //!
 //! ```text
 //! same(c)  = c / (c + (1 - c) STRICTER)
 //! doubt    = mean of 1 - c, of the copy of 1 - same(c), over the same surroundings
-//! choice   = the copy's where c < same(c of the copy), doubt > LEAST_DOUBT and doubt > doubt of the copy + LEAST_GAIN
+//! choice   = the copy's where c < same(c of the copy), doubt > LEAST_DOUBT
+//!            and doubt > doubt of the copy + LEAST_GAIN
 //! ```
 //!
-//! The surroundings decide, not the pixel alone: a copy is not better because it is lucky somewhere.
+//! The surroundings decide, not only the pixel: a copy with one lucky pixel is not better.
 //!
-//! Where copies decided, the images hold no detail finer than the pixels of these:
+//! Where copies decided, the images have no detail finer than the pixels of these copies:
 //!
 //! ```text
 //! detail   = 2^(mean of halvings over the pixels of copies)
@@ -28,22 +29,22 @@ use phasestereo_match::image::window_sums::window_means;
 use phasestereo_match::matcher::Disparity;
 use phasestereo_match::refinement::flag;
 
-/// How far surroundings reach, pixels of the map.
+/// Reach of the surroundings, pixels of the map.
 const RADIUS: usize = 15;
-/// Below this mean doubt nothing is changed.
+/// At or below this mean doubt nothing changes.
 const LEAST_DOUBT: f32 = 0.4;
-/// A copy has to be better by this.
+/// A copy must be better by more than this.
 const LEAST_GAIN: f32 = 0.05;
 /// The factor by which the odds of an error grow when the tolerance is halved: 1.9 to 3.3 on the maps of the
-/// development scenes at half and a quarter of their size, and caution.
+/// development scenes at half and a quarter of their size, plus caution.
 const STRICTER: f32 = 3.0;
-/// The same factor for what was chosen because it seemed surer, and by how much its bars are wider: on the
-/// development scenes, sharp and under faults, a mean confidence of 0.57 to 0.67 stood for 45 to 56 % right
-/// pixels.
+/// The same factor for disparities chosen because they seemed surer, and the factor by which their bars
+/// widen: on the development scenes, sharp and under faults, a mean confidence of 0.57 to 0.67 corresponded
+/// to 45 to 56 % right pixels.
 const CHOSEN: (f32, f32) = (2.0, 1.25);
-/// While scales are decided, the bits above all flags count how often the copy was halved that a disparity is
-/// of: up to 15 times, more than any image that fits into memory. Second maps, whose flag is one of these bits,
-/// come later.
+/// While scales are decided, the bits above all flags count how often the copy that gave the disparity was
+/// halved: up to 15 times, more than for any image that fits into memory. Second maps, whose flag is one of
+/// these bits, come later.
 const HALVED: u16 = 1 << 12;
 const _: () = assert!(flag::COARSE < HALVED, "a flag in the bits that count");
 
@@ -78,17 +79,17 @@ impl Doubt {
     }
 }
 
-/// The probability that a disparity of the copy is right by the tolerance of the larger map.
+/// The probability that a disparity of the copy is right within the tolerance of the larger map.
 fn same(confidence: f32) -> f32 {
     lowered(confidence, STRICTER)
 }
 
-/// A confidence once the odds of an error are this many times as high.
+/// A confidence after the odds of an error are multiplied by this factor.
 fn lowered(confidence: f32, factor: f32) -> f32 {
     confidence / (confidence + (1.0 - confidence) * factor)
 }
 
-/// Replaces what the copy knows better; it knows nothing of what the right image does not show.
+/// Replaces what the copy knows better; it knows nothing about pixels that the right image does not show.
 pub fn choose(map: &mut Disparity, doubt: &Doubt, coarse: &Disparity, level: Level) -> Result<()> {
     let (Some(confidence), Some(uncertainty)) = (&mut map.confidence, &mut map.uncertainty) else {
         return Ok(());
@@ -97,7 +98,7 @@ pub fn choose(map: &mut Disparity, doubt: &Doubt, coarse: &Disparity, level: Lev
     else {
         return Ok(());
     };
-    // The same surroundings are half as wide there.
+    // There, the same surroundings are half as wide.
     let coarse_doubt = Doubt::new(coarse_confidence, RADIUS / 2, |c| 1.0 - same(c), level)?;
 
     let cols = map.disparity.cols();
@@ -133,13 +134,13 @@ pub fn choose(map: &mut Disparity, doubt: &Doubt, coarse: &Disparity, level: Lev
     Ok(())
 }
 
-/// How often the copy was halved that a disparity is of, by its flags, until the map is concluded.
+/// How often the copy that gave a disparity was halved, by its flags, until the map is concluded.
 pub fn halvings(flags: u16) -> usize {
     (flags / HALVED).into()
 }
 
-/// Concludes a map once all is decided: lowers the confidences of what was chosen, as the surer one of two is
-/// less sure than it seems, and says how fine the detail is there.
+/// Concludes a map after all is decided: lowers the confidences of chosen disparities, since the surer one of
+/// two is less sure than it seems, and sets how fine the detail is there.
 pub fn conclude(map: &mut Disparity) {
     let (Some(confidence), Some(uncertainty)) = (&mut map.confidence, &mut map.uncertainty) else {
         return;
@@ -161,7 +162,7 @@ pub fn conclude(map: &mut Disparity) {
     map.detail = (chosen > 0).then(|| exp2(halved as f64 / chosen as f64));
 }
 
-/// The four pixels of a copy nearest to a pixel: its own, and those beside, above or below, and across.
+/// The four pixels of a copy nearest to a pixel: its own, and those beside, above or below, and diagonal.
 struct Neighbors {
     rows: [usize; 2],
     cols: [usize; 2],
@@ -178,7 +179,7 @@ impl Neighbors {
         Self { rows: pair(y, copy.rows()), cols: pair(x, copy.cols()) }
     }
 
-    /// The pixel of the copy that the pixel lies in.
+    /// The pixel of the copy that contains the pixel.
     fn nearest(&self) -> (usize, usize) {
         (self.rows[0], self.cols[0])
     }
@@ -189,13 +190,13 @@ impl Neighbors {
         [row[x], row[beside], other[x], other[beside]]
     }
 
-    /// The values of a plane, interpolated: its center is a quarter of a pixel off that of the copy's.
+    /// The interpolated values of a plane: the pixel's center is a quarter of a pixel off that of the copy's.
     fn mean(&self, plane: &Plane<f32>) -> f32 {
         let [a, b, c, d] = self.values(plane);
         (9.0 * a + 3.0 * (b + c) + d) / 16.0
     }
 
-    /// The same for disparities, unless they are of several surfaces: then that of the nearest pixel.
+    /// The same for disparities, unless they belong to several surfaces: then that of the nearest pixel.
     fn disparity(&self, plane: &Plane<f32>) -> f32 {
         let values = self.values(plane);
         let is_one = values[1..].iter().all(|value| (value - values[0]).abs() <= JUMP);

@@ -6,20 +6,21 @@
 //! rest[k]    = gray[k] - mean of gray[k] over 7 x 7 pixels
 //! detail[k]  = mean square of rest[k] / noise[k], over 9 x 9 pixels
 //! sides[k]   = least detail[k] of the four places SIDE pixels to the left and right, above and below
-//! seen[y, x] = detail[0] >= SEEN at (y, x), or sides[k] >= SEEN at (y, x) / 2^k,
-//!              for a k up to the number of times that the copy was halved whose disparity the pixel has, or HALVINGS
+//! seen[y, x] = detail[0] >= SEEN at (y, x), or sides[k] >= SEEN at (y, x) / 2^k, for a k up to HALVINGS,
+//!              or up to the number of halvings of the copy whose disparity the pixel has, if that is more
 //! ```
 //!
-//! Where nothing is seen, codes are those of noise, or of an edge that windows reach: a pixel may match there,
-//! and agree with others, but not by what the image shows. The four places part the two. Beside the edge of a
-//! house, a plain sky shows detail on one side alone; a faintly textured wall shows it on all sides.
+//! Where nothing is seen, codes are those of noise, or of an edge within the windows: a pixel may match
+//! there, and agree with others, but without evidence in the image. The four places separate the two cases.
+//! Beside the edge of a house, a plain sky shows detail on one side only; a faintly textured wall shows it on
+//! all sides.
 //!
-//! Noise is estimated from the quietest blocks. If all blocks show fine texture, that counts as noise, but such
-//! texture is matched with confidence: pixels that are sure by themselves, `TRUST`, are doubted only where their
-//! detail is that of rounding.
+//! Noise is estimated from the quietest blocks. If all blocks show fine texture, that counts as noise, but
+//! such texture is matched with confidence: pixels that are sure by themselves, `TRUST`, are doubted only
+//! where their detail is that of rounding.
 //!
-//! Rests are integers, in parts of the noise, and clipped: from `MOST` on, one alone makes more detail than any
-//! bound. So the sums of their squares have no error, and fit into 32 bits.
+//! Rests are integers, in parts of the noise, and clipped: a single one of `MOST` or more makes more detail
+//! than any bound. So the sums of their squares have no error, and fit into 32 bits.
 
 use std::borrow::Cow;
 
@@ -31,18 +32,18 @@ use phasestereo_match::base::simd::{Level, leveled, whole};
 use phasestereo_match::image::window_sums::Windows;
 use phasestereo_match::matcher::runtime::Runtime;
 
-/// Parts of the noise that a rest has.
+/// Parts of the noise in which rests count.
 const PARTS: f64 = 256.0;
 /// Largest rest, in these parts: the sum of its squares over a window fits into 32 bits.
 const MOST: f32 = 7000.0;
 const _: () = assert!((MOST as u64).pow(2) * ((2 * DETAIL_RADIUS + 1) as u64).pow(2) <= u32::MAX as u64);
 /// Pixels to each side: the windows there end at the pixel.
 const SIDE: usize = SMOOTH_RADIUS + DETAIL_RADIUS;
-/// Copies whose gray values are sums of four of the larger ones, without rounding; those of smaller ones are
-/// means. So they fit into 32 bits.
+/// Copies whose gray values are sums of four of the larger ones, without rounding; smaller copies use means.
+/// So they fit into 32 bits.
 const SUMMED: usize = 2;
 
-/// The copy that shows more than noise if none does.
+/// Marks that no copy shows more than noise.
 const NOWHERE: u8 = u8::MAX;
 
 /// The detail of an image.
@@ -58,20 +59,20 @@ pub struct Detail<'a> {
 }
 
 impl<'a> Detail<'a> {
-    /// The detail of gray values of 15 bits with noise of this standard deviation, 0 if it is unknown, which were
-    /// rounded to multiples of this step; 0: floats, which may have been rounded, too.
+    /// The detail of 15-bit gray values with noise of this standard deviation (0: unknown), rounded to
+    /// multiples of this step (0: floats, which may also have been rounded).
     pub fn new(gray: &'a Plane<i32>, noise: f64, step: f64, runtime: Runtime) -> Result<Self> {
         let noise = noise.max(ROUNDING * step);
         Ok(Self { gray, noise, step, squares: squares(gray, noise, runtime)? })
     }
 
-    /// The pixels with hardly any detail; `None`: any is more than none.
+    /// The pixels with hardly any detail; `None`: all detail counts.
     pub fn faint(&self) -> Option<Plane<bool>> {
         let most = square_of(FAINT * self.step / self.noise);
         (self.step > 0.0).then(|| self.squares.map(|square| *square <= most))
     }
 
-    /// The pixels without evidence: nothing but noise is seen, and they are not sure by themselves, or nothing but
+    /// The pixels without evidence: they show only noise and are not sure by themselves, or they show only
     /// rounding. `flags` are those of a map whose scales are not concluded.
     pub fn unseen(
         self,
@@ -102,7 +103,8 @@ impl<'a> Detail<'a> {
         })
     }
 
-    /// The squares of the image and of its copies, down to one with this many halvings, if the image is large enough.
+    /// The squares of the image and its copies, down to one with this many halvings, if the image is large
+    /// enough.
     fn of_copies(self, halved: usize, runtime: Runtime) -> Result<Vec<Plane<f32>>> {
         let mut scales = vec![self.squares];
         let mut copy = Cow::Borrowed(self.gray);
@@ -120,19 +122,19 @@ impl<'a> Detail<'a> {
 
 /// The square of this multiple of the noise.
 fn square_of(times: f64) -> f32 {
-    // A single rest that is clipped is more.
+    // A single clipped rest is more.
     let side = (2 * DETAIL_RADIUS + 1) as f64;
     (times * PARTS).min((f64::from(MOST) - 1.0) / side).powi(2) as f32
 }
 
-/// Copies a row of a copy to one that is twice as wide, or by one pixel more.
+/// Copies a row of a copy to one that is twice as wide, or one pixel wider.
 fn double(from: &[u8], to: &mut [u8]) {
     let (pairs, rest) = to.as_chunks_mut::<2>();
     pairs.iter_mut().zip(from).for_each(|(pair, from)| *pair = [*from; 2]);
     rest.fill(from[from.len() - 1]);
 }
 
-/// Writes `k` to those pixels of row `y` at which copy `k` shows more than noise.
+/// Writes `k` to the pixels of row `y` at which copy `k` shows more than noise.
 #[leveled]
 fn mark_seen(level: Level, squares: &Plane<f32>, y: usize, k: u8, seen: &mut [u8]) {
     let least = square_of(SEEN.sqrt());
@@ -185,7 +187,7 @@ fn squares(gray: &Plane<i32>, noise: f64, runtime: Runtime) -> Result<Plane<f32>
     around.plane(values, mean, runtime.level(), runtime.control)
 }
 
-/// Makes rests of the sums of gray values over the windows of row `y`.
+/// Turns the sums of gray values over the windows of row `y` into rests.
 #[leveled]
 fn write_rests(level: Level, means: Windows, y: usize, gray: &[i32], parts: f32, rests: &mut [i32]) {
     for (x, (rest, gray)) in rests.iter_mut().zip(gray).enumerate() {

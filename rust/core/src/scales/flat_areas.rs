@@ -1,4 +1,4 @@
-//! Flat areas of an image: connected pixels around which gray values vary less than its noise does.
+//! Flat areas of an image: connected pixels around which gray values vary less than the noise.
 //!
 //! ```text
 //! noise = median of |4 g[y, x] - g[y - 1, x] - g[y + 1, x] - g[y, x - 1] - g[y, x + 1]|
@@ -6,8 +6,8 @@
 //! area  = 4-connected flat pixels, at least LEAST_SHARE of the image
 //! ```
 //!
-//! Both sides are in gray levels of the same image, so neither its contrast nor its unit matters. In a finely
-//! textured image the "noise" is texture, and flat is what has little of it.
+//! Both sides are in gray levels of the same image, so its contrast and unit do not matter. In a finely
+//! textured image the "noise" is texture, and areas with little of it are flat.
 
 use std::ops::Range;
 
@@ -20,23 +20,23 @@ use phasestereo_match::image::regions::{Connectivity, Region, Regions, Run};
 use phasestereo_match::image::window_sums::Windows;
 use phasestereo_match::matcher::runtime::Runtime;
 
-/// Least share of the image of an area.
+/// Least share of the image that an area covers.
 const LEAST_SHARE: f64 = 0.01;
-/// How far the window of the deviation reaches.
+/// Reach of the window of the deviation.
 const RADIUS: usize = 2;
-/// Pixels of a row that are looked at together for whether all of them are marked.
+/// Pixels of a row that are checked together.
 const WHOLE: usize = 32;
-/// About this many pixels are sampled for the noise.
+/// Approximate number of pixels sampled for the noise.
 const SAMPLES: usize = 1 << 15;
 
 /// A connected flat area.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct FlatArea {
-    /// Rows that hold it.
+    /// Rows that contain it.
     pub rows: Range<usize>,
-    /// Columns that hold it.
+    /// Columns that contain it.
     pub cols: Range<usize>,
-    /// Its pixels: a row, and columns.
+    /// Its pixels: row and columns.
     runs: Vec<(usize, Range<usize>)>,
 }
 
@@ -103,7 +103,7 @@ fn noise(gray: &Plane<i32>) -> i64 {
     median(magnitudes).unwrap_or(0).into()
 }
 
-/// The pixels around which all are marked, up to `radius` rows and columns away.
+/// The pixels around which all others are marked, up to `radius` rows and columns away.
 pub fn shrunk(marked: &Plane<bool>, radius: usize, runtime: Runtime) -> Result<Plane<bool>> {
     let lost = grown(&marked.map(|is_marked| !is_marked), radius, runtime)?;
     Ok(lost.map(|is_lost| !is_lost))
@@ -128,7 +128,7 @@ pub fn grown(marked: &Plane<bool>, radius: usize, runtime: Runtime) -> Result<Pl
     })
 }
 
-/// Marks what is marked in another row, as far as both reach.
+/// Marks the pixels marked in another row, as far as both reach.
 #[leveled]
 fn mark_row(level: Level, near: &mut [bool], marked: &[bool]) {
     for (near, marked) in near.iter_mut().zip(marked) {
@@ -136,7 +136,7 @@ fn mark_row(level: Level, near: &mut [bool], marked: &[bool]) {
     }
 }
 
-/// Marked pixels, which are connected with marked neighbors.
+/// Marked pixels, connected with marked neighbors.
 struct Marked<'a>(&'a Plane<bool>);
 
 impl<'a> Connectivity for Marked<'a> {
@@ -173,14 +173,14 @@ impl<'a> Connectivity for Marked<'a> {
     }
 }
 
-/// The areas of this many marked pixels or more, by their first pixels.
+/// The areas of at least this many marked pixels, by their first pixels.
 fn large(marked: &Plane<bool>, least: f64, control: &Control) -> Result<Vec<FlatArea>> {
     let regions = Regions::find(&Marked(marked), control)?;
     let mut areas: Vec<(Region, FlatArea)> = vec![];
 
     for y in 0..marked.rows() {
         for (run, region) in regions.row(y).filter(|(_, region)| region.pixels as f64 >= least) {
-            // There are few.
+            // There are few areas.
             let known = areas.iter().position(|(one, _)| *one == region).unwrap_or(areas.len());
             if known == areas.len() {
                 areas.push((region, FlatArea { rows: y..y, cols: run.clone(), runs: vec![] }));

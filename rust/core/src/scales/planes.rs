@@ -1,44 +1,51 @@
-//! Flat areas become planes where these are more likely to be right than what was matched.
+//! Flat areas become planes where these are more likely to be right than the match.
 //!
-//! A table, a wall, a road has no texture to match, but an outline, and grain here and there. So a plane is
-//! fitted to the confident disparities of each flat area, with its outline, and competes with the map by
-//! evidence of the same kind, the share of confident disparities that agree with it, of the area and nearby:
+//! A table, a wall or a road has no texture to match, only an outline, and grain here and there. So a plane
+//! is fitted to the confident disparities of each flat area and its outline. It competes with the map by
+//! evidence of the same kind: the share of confident disparities that agree with it, in the area and nearby:
 //!
 //! ```text
 //! weight    = confidence^2, in the area and RING pixels around it
-//! samples   = the pixels with weight > LEAST_WEIGHT at which the sum of these reaches k / SAMPLES of all, k = 1, 2, ..
-//! plane     = of TRIALS planes through three samples, the one that most samples are near; then least squares, three times,
-//!             of the samples that are near
+//! samples   = the pixels with weight > LEAST_WEIGHT at which the sum of these reaches k / SAMPLES of all,
+//!             k = 1, 2, ..
+//! plane     = of TRIALS planes through three samples, the one that most samples are near;
+//!             then least squares, three times, of the samples that are near
 //! agree     = |disparity - plane| < 1
 //! whole     = share of the weight that agrees; no plane unless it is the larger part
-//! p         = TRUST (n near + PRIOR whole) / (n + PRIOR),  n the mean weight, near the share that agrees, nearby
-//! disparity = plane where p > confidence, own and of a few pixels, and |disparity - plane| > 1/2, in the area
+//! p         = TRUST (n near + PRIOR whole) / (n + PRIOR),
+//!             n the mean weight, near the share that agrees, nearby
+//! disparity = plane in the area where p > confidence, own and mean of a few pixels,
+//!             and |disparity - plane| > 1/2
 //!
-//! trial:   sample i mod count, with i the upper 31 bits of the next state of Knuth's MMIX generator, which begins with 1
-//! through: of two samples less the first one, (x, y, d) and (u, v, e): span = x v - y u, not below LEAST_SPAN
+//! trial:   sample i mod count, with i the upper 31 bits of the next state of Knuth's MMIX generator,
+//!          which begins with 1
+//! through: of two samples less the first one, (x, y, d) and (u, v, e):
+//!          span = x v - y u, not below LEAST_SPAN
 //!          slopes = (d v - y e) / span, (x e - d u) / span, not beyond STEEPEST
 //! fitted:  of the samples less their mean, with xy the sum of x y: determinant = xx yy - xy xy, not below 1
 //!          slopes = (xd yy - yd xy) / determinant, (yd xx - xd xy) / determinant
 //! ```
 //!
-//! Sums of floats are taken in reading order; over areas, of tiles, which count from the corner of the area
-//! and its ring.
+//! Sums of floats are taken in reading order; over areas, of tiles, which are counted from the corner of the
+//! area and its ring.
 //!
 //! Drawn pixels are flagged as inferred and have the confidence p. Their error bar follows from it, if the
 //! odds of an error fall in proportion to the tolerance: 9 (1 - p) / p px for 90 %.
 //!
-//! An outline is evidence only if it is the area's own. A table's is; that of a sky behind houses is the
-//! houses', whose surfaces go on outside. And where nothing but noise is seen, nothing is evidence
-//! (detail.rs):
+//! An outline is evidence only if it belongs to the area. That of a table does; that of a sky behind houses
+//! belongs to the houses, and the surface of the sky continues outside. And where only noise is seen, nothing
+//! is evidence (detail.rs):
 //!
 //! ```text
-//! occluder   = share of the pixels OUTSIDE the area that are sure (weight > LEAST_WEIGHT) and within GOES_ON px of the plane
-//! p          = at most UNSEEN where occluder > OCCLUDER, but for EVIDENCE_REACH px around what is sure and agrees
+//! occluder   = share of the pixels OUTSIDE the area that are sure (weight > LEAST_WEIGHT)
+//!              and within GOES_ON px of the plane
+//! p          = at most UNSEEN where occluder > OCCLUDER,
+//!              except for EVIDENCE_REACH px around what is sure and agrees
 //! confidence = at most UNSEEN where nothing but noise is seen, of planes or not
 //! ```
 //!
-//! An area without a plane may have wrong matches of hardly any detail. It gets a second attempt without
-//! faint pixels, which then are unseen, too, as far as they do not become the plane.
+//! An area without a plane may have wrong matches with hardly any detail. It gets a second attempt without
+//! faint pixels. If this gives a plane, those that do not become it count as unseen, too.
 
 use std::borrow::Cow;
 use std::iter;
@@ -59,40 +66,40 @@ use phasestereo_match::pair::Pair;
 use phasestereo_match::pair::source::widened;
 use phasestereo_match::refinement::flag;
 
-/// How far from an area pixels count for its plane.
+/// Distance from an area within which pixels count for its plane.
 const RING: usize = 4;
-/// How far from it the plane is drawn.
+/// Distance from it within which the plane is drawn.
 const DRAWN: usize = 2;
-/// Least weight of a pixel that a plane is fitted to.
+/// A plane is fitted to pixels of more than this weight.
 const LEAST_WEIGHT: f32 = 0.25;
 /// Fewest such pixels.
 const LEAST_PIXELS: usize = 100;
-/// Steps of a weight of 1.
+/// Steps in a weight of 1.
 const STEPS: f32 = (1 << 25) as f32;
-/// Pixels whose weights are summed together: in steps to less than 2^32.
+/// Pixels whose weights are summed together: to less than 2^32 steps.
 const GROUP: usize = 16;
 /// Columns whose agreement is summed together.
 const COLUMNS: usize = 64;
-/// Pixels that a plane is fitted to, and planes that are tried.
+/// Pixels that a plane is fitted to, and number of planes tried.
 const SAMPLES: usize = 2000;
 const TRIALS: usize = 300;
-/// Samples that are counted before a trial may end.
+/// Samples counted before a trial may end.
 const COUNTED: usize = 128;
-/// How near a plane samples have to be, pixels.
+/// Distance from a plane within which samples are near, pixels.
 const NEAR: f64 = 0.7;
 /// Steepest planes, disparity by column and by row.
 const STEEPEST: [f64; 2] = [0.5, 0.7];
-/// Least area that three samples span, twice, pixels.
+/// Twice the least area that three samples span, pixels.
 const LEAST_SPAN: f64 = 100.0;
 /// Side of the tiles in which agreement is summed, pixels.
 const TILE: usize = 4;
-/// How far "nearby" reaches, tiles.
+/// Reach of "nearby", tiles.
 const NEARBY: usize = 7;
 /// The mean weight nearby that counts as much as the whole area.
 const PRIOR: f32 = 0.2;
-/// How far the confidence that it competes with is averaged.
+/// Reach of the mean of the confidence that it competes with.
 const FEW: usize = 4;
-/// Least difference that is drawn, pixels.
+/// Larger differences are drawn, pixels.
 const LEAST_CHANGE: f32 = 0.5;
 
 /// `disparity = x slopes[0] + y slopes[1] + height`.
@@ -105,14 +112,14 @@ struct Surface {
 /// A pixel that a plane is fitted to: column, row and disparity.
 type PlanePixel = [f64; 3];
 
-/// What is drawn of a plane: columns and confidences, row by row.
+/// The drawn part of a plane: columns and confidences, row by row.
 struct Drawn {
     surface: Surface,
     rows: Vec<(usize, Vec<(u32, f32)>)>,
 }
 
-/// Draws the planes of a pair into its map, and doubts what shows nothing but noise. `noise` is the standard
-/// deviation of the left image's, in units of the pixels; 0: unknown.
+/// Draws the planes of a pair into its map, and doubts pixels that show only noise. `noise`: its standard
+/// deviation in the left image, in units of the pixels; 0: unknown.
 pub fn draw(map: &mut Disparity, pair: &Pair, noise: f64, runtime: Runtime) -> Result<()> {
     let Some(confidence) = &map.confidence else { return Ok(()) };
     let [left, _] = pair.views();
@@ -140,7 +147,7 @@ pub fn draw(map: &mut Disparity, pair: &Pair, noise: f64, runtime: Runtime) -> R
         runtime,
     };
 
-    // Every plane competes with the map as it was matched.
+    // Every plane competes with the original map.
     let drawn: Result<Vec<_>> = areas.par_iter().map(|area| scene.drawn(area)).collect();
     let (drawn, disproved) = scene.with_second_attempts(&areas, drawn?, faint)?;
     for drawn in drawn {
@@ -158,7 +165,7 @@ fn means_around(confidence: &Plane<f32>, level: Level) -> Result<Plane<f32>> {
     window_means(size, FEW, |y| confidence.row(y).iter().copied(), level)
 }
 
-/// Bounds the confidences of pixels without evidence; their bars follow.
+/// Bounds the confidences of pixels without evidence, and adjusts their bars.
 pub fn doubt(map: &mut Disparity, unseen: &Plane<bool>) {
     let Some(confidence) = &mut map.confidence else { return };
     let confidence = confidence.as_mut_slice().iter_mut();
@@ -181,12 +188,12 @@ fn bar_of(confidence: f32) -> f32 {
 }
 
 impl Drawn {
-    /// Writes what is drawn into a map.
+    /// Writes the drawn pixels into a map.
     fn write(self, map: &mut Disparity) {
         for (y, pixels) in self.rows {
             for (x, confidence) in pixels {
                 let x = x as usize;
-                // What the right image does not show may be anything.
+                // Pixels that the right image does not show may be anything.
                 if map.flags.row(y)[x] & flag::MISSING != 0 {
                     continue;
                 }
@@ -206,7 +213,7 @@ impl Drawn {
     }
 }
 
-/// What planes are fitted to and compete with.
+/// The map that planes are fitted to and compete with.
 struct Scene<'a> {
     disparity: &'a Plane<f32>,
     flags: &'a Plane<u16>,
@@ -229,15 +236,15 @@ struct Surroundings {
 }
 
 impl Scene<'_> {
-    /// What is drawn, after second attempts without faint pixels at areas that have no plane, and the pixels
-    /// that are doubted because of these.
+    /// The drawn planes, after second attempts without faint pixels at areas without a plane, and the pixels
+    /// doubted because of these attempts.
     fn with_second_attempts(
         self,
         areas: &[FlatArea],
         first: Vec<Option<Drawn>>,
         faint: Option<Plane<bool>>,
     ) -> Result<(Vec<Drawn>, Option<Plane<bool>>)> {
-        // Without faint pixels a second attempt would be the first one.
+        // Without faint pixels in it, a second attempt would repeat the first.
         let is_other = |area: &FlatArea| {
             faint.as_ref().is_some_and(|faint| {
                 let (mut rows, cols) = self.wider(area, RING);
@@ -263,7 +270,7 @@ impl Scene<'_> {
             let Some(drawn) = drawn else { continue };
             let unseen = unseen.get_or_insert(Plane::new(faint.rows(), faint.cols())?);
             area.copy(&faint, unseen);
-            // What becomes the plane has the confidence of that.
+            // Pixels that become the plane get its confidence.
             for (y, pixels) in &drawn.rows {
                 for (x, _) in pixels {
                     unseen.row_mut(*y)[*x as usize] = false;
@@ -275,7 +282,7 @@ impl Scene<'_> {
         Ok((all, unseen))
     }
 
-    /// What is drawn of the plane of an area; `None`: it has no plane.
+    /// The drawn part of the plane of an area; `None`: it has no plane.
     fn drawn(&self, area: &FlatArea) -> Result<Option<Drawn>> {
         let frame = self.frame(area)?;
         let samples = self.samples(&frame)?;
@@ -300,7 +307,7 @@ impl Scene<'_> {
         let mut drawn = zeroed(frame.cols.len())?;
         for (row, y) in frame.rows.clone().enumerate() {
             if row.is_multiple_of(TILE) {
-                // Of the weights nearby, the mean is all, and the mean of those that agree is agree.
+                // `all` is the mean of the weights nearby, `agree` the mean of those that agree.
                 let sums = agree.row(row / TILE).iter().zip(all.row(row / TILE));
                 let chance = |(agree, all)| TRUST * (agree + PRIOR * whole) / (all + PRIOR);
                 chances.clear();
@@ -328,7 +335,7 @@ impl Scene<'_> {
         Ok(Some(drawn))
     }
 
-    /// Whether a surface goes on around an area, so that the outline belongs to what lies before it.
+    /// Whether a surface continues around an area, so that the outline belongs to something in front of it.
     fn goes_on(&self, area: &FlatArea, surface: Surface) -> Result<bool> {
         let [from, to] = OUTSIDE;
         let (rows, cols) = self.wider(area, to);
@@ -348,7 +355,7 @@ impl Scene<'_> {
         Ok(going_on as f64 > OCCLUDER * all as f64)
     }
 
-    /// Bounds the confidences of what is drawn far from pixels that agree.
+    /// Bounds the confidences of drawn pixels far from pixels that agree.
     fn bound(&self, drawn: &mut Drawn, frame: &Surroundings) -> Result<()> {
         let agreeing = Plane::from_fn(frame.rows.len(), frame.cols.len(), |row, col| {
             let (y, x) = (frame.rows.start + row, frame.cols.start + col);
@@ -368,7 +375,7 @@ impl Scene<'_> {
         Ok(())
     }
 
-    /// The rows and columns that hold an area and the pixels up to this distance around it.
+    /// The rows and columns that contain an area and the pixels up to this distance around it.
     fn wider(&self, area: &FlatArea, by: usize) -> (Range<usize>, Range<usize>) {
         let (rows, cols) = self.disparity.size();
         (widened(&area.rows, by, rows), widened(&area.cols, by, cols))
@@ -391,7 +398,7 @@ impl Scene<'_> {
         Ok(Surroundings { rows, cols, weights })
     }
 
-    /// The means over tiles of the weights of those pixels that agree with a surface, and of all.
+    /// The means over tiles of the weights of the pixels that agree with a surface, and of all pixels.
     fn tiles(&self, frame: &Surroundings, surface: Surface) -> Result<Plane<[f32; 2]>> {
         let size = (frame.rows.len().div_ceil(TILE), frame.cols.len().div_ceil(TILE));
 
@@ -418,7 +425,7 @@ impl Scene<'_> {
         let share = weight(sums.iter().map(|sum| u64::from(*sum)).sum()) / SAMPLES as f64;
         let (mut sum, mut samples) = (0, vec![]);
         for (group, (weights, more)) in weights.chunks(GROUP).zip(sums).enumerate() {
-            // Many hold no sample.
+            // Many groups hold no sample.
             let next = share * (samples.len() + 1) as f64;
             if weight(sum + u64::from(more)) < next {
                 sum += u64::from(more);
@@ -440,14 +447,14 @@ impl Scene<'_> {
     }
 }
 
-/// The weight of a pixel that a plane is fitted to, else 0, in steps: integers sum to the same in any order.
-/// They are exact, since floats from [`LEAST_WEIGHT`] on have no finer steps.
+/// The weight of a pixel that a plane is fitted to, otherwise 0, in steps: integers sum to the same in any
+/// order. They are exact, since floats from [`LEAST_WEIGHT`] on have no finer steps.
 #[inline(always)]
 fn heavy(weight: f32) -> u32 {
     if weight > LEAST_WEIGHT { whole(weight * STEPS) as u32 } else { 0 }
 }
 
-/// Sums the weights of the pixels that a plane is fitted to, of every [`GROUP`] pixels, and counts these
+/// Sums the weights of the pixels that a plane is fitted to, for every [`GROUP`] pixels, and counts these
 /// pixels.
 #[leveled]
 fn sum_heavy(level: Level, weights: &[f32], sums: &mut [u32]) -> usize {
@@ -470,7 +477,7 @@ fn weigh(level: Level, confidences: &[f32], near: &[bool], weights: &mut [f32]) 
 }
 
 /// Counts the pixels of a row between two rings that are sure and near a surface, and all between them. The
-/// row begins at a place. `known`: disparities and confidences.
+/// row begins at `place`. `known`: disparities and confidences.
 #[leveled]
 fn count_going_on(
     level: Level,
@@ -488,7 +495,7 @@ fn count_going_on(
     for (i, (((disparity, confidence), flags), (near, far))) in places.enumerate() {
         let is_between = far & !near;
         let is_near = (disparity - surface.disparity(y, first + i)).abs() < GOES_ON;
-        // What a smaller copy decides has no outline.
+        // Disparities from a smaller copy have no outline.
         let is_sure = (confidence * confidence > LEAST_WEIGHT) & (flags & flag::COARSE == 0);
         all += u32::from(is_between);
         going_on += u32::from(is_between & is_near & is_sure);
@@ -496,7 +503,8 @@ fn count_going_on(
     [going_on, all]
 }
 
-/// Adds a row that begins at a place to the means over tiles of what agrees with a surface, and of all.
+/// Adds a row that begins at `place` to the means over tiles of the weights that agree with a surface, and of
+/// all.
 #[leveled]
 fn add_to_tiles(
     level: Level,
@@ -527,9 +535,8 @@ fn add_to_tiles(
     }
 }
 
-/// Writes the confidences of those pixels of a row that are drawn, 0 of the others. The row begins at a
-/// place. `known`: disparities, their own confidences and the mean ones around, and the probabilities of the
-/// plane.
+/// Writes the confidences of the drawn pixels of a row, and 0 for the others. The row begins at `place`.
+/// `known`: disparities, their own confidences, the mean ones around, and the probabilities of the plane.
 #[leveled]
 fn draw_row(
     level: Level,
@@ -547,7 +554,7 @@ fn draw_row(
 
     for i in 0..count {
         let plane = surface.disparity(y, first + i);
-        // A thin thing may be sure of itself amid doubt.
+        // A thin object may be sure by itself amid doubt.
         let sure = around[i].max(own[i]);
         let is_better = inside[i] & (sure < TRUST) & (chances[i] > sure) & (plane >= least);
         let is_drawn = is_better & ((disparity[i] - plane).abs() > LEAST_CHANGE);
@@ -591,11 +598,11 @@ impl Surface {
             }
         }
 
-        // The samples that are near change with the plane.
+        // The near samples change with the plane.
         (0..3).fold(best, |surface, _| surface.map(|surface| surface.fitted(samples).unwrap_or(surface)))
     }
 
-    /// The plane through three samples, unless they are nearly on a line, or it is too steep.
+    /// The plane through three samples, unless they are nearly on a line or it is too steep.
     fn through([[x, y, disparity], b, c]: [PlanePixel; 3]) -> Option<Self> {
         let [b, c] = [b, c].map(|other| [other[0] - x, other[1] - y, other[2] - disparity]);
         let span = b[0] * c[1] - b[1] * c[0];
@@ -608,7 +615,7 @@ impl Surface {
         is_gentle.then(|| Self { slopes, height: disparity - slopes[0] * x - slopes[1] * y })
     }
 
-    /// The plane with the least squares of distances from the samples that are near this one.
+    /// The least-squares plane of the samples that are near this one.
     fn fitted(&self, samples: &[PlanePixel]) -> Option<Self> {
         let near: Vec<&PlanePixel> = samples.iter().filter(|sample| self.is_near(**sample)).collect();
         let mut sums = [0.0; 3];
@@ -617,7 +624,7 @@ impl Surface {
         }
         let [x, y, disparity] = sums.map(|sum| sum / near.len() as f64);
 
-        // About the mean, the two slopes have equations of their own.
+        // Relative to the mean, the slopes have two equations without the height.
         let [mut xx, mut xy, mut yy, mut xd, mut yd] = [0.0; 5];
         for sample in near {
             let [x, y, d] = [sample[0] - x, sample[1] - y, sample[2] - disparity];
@@ -637,8 +644,8 @@ impl Surface {
     }
 }
 
-/// Counts the samples that are near a plane, as long as they may be more than `most`. `columns`: columns,
-/// rows and disparities of the samples.
+/// Counts the samples near a plane, as long as they may exceed `most`. `columns`: columns, rows and
+/// disparities of the samples.
 #[leveled]
 fn count_near(level: Level, surface: Surface, columns: &[Vec<f64>; 3], most: usize) -> usize {
     let [x, y, disparity] = columns.each_ref().map(|column| column.chunks(COUNTED));
@@ -657,7 +664,7 @@ fn count_near(level: Level, surface: Surface, columns: &[Vec<f64>; 3], most: usi
     count
 }
 
-/// The same numbers in every run.
+/// Random numbers, the same in every run.
 struct Random(u64);
 
 impl Random {

@@ -1,25 +1,25 @@
-//! The disparities that are searched in each panel, where a pair has many: those that a rough match of it at
-//! half the size finds there and nearby.
+//! The disparities to search in each panel, if a pair has many: those that a rough match at half the size
+//! finds there and nearby.
 //!
 //! ```text
 //! ranges(pair):
 //!     if it has fewer than MANY disparities: all of them everywhere
 //!     copy     = pair / 2
 //!     rough    = match(copy, ranges(copy)), left-right check and speckles, nothing filled or smoothed
-//!     searched = min .. max of 2 rough within REACH of the panel, and MARGIN more on either side, in whole runs,
-//!                LEAST_RUNS at least;
-//!                all, where more than a fifth of that is unknown
+//!     searched = min .. max of 2 rough within REACH of the panel, and MARGIN more on either side,
+//!                in whole runs, LEAST_RUNS at least;
+//!                all, where a fifth of that or more is unknown
 //! ```
 //!
-//! The copy is matched along rows alone and with small windows, since paths along columns and large windows
-//! lose what is thin and upright, and rows are looked at beyond those that a panel's paths pass, since it is
-//! rarely lost everywhere. Where the match is mistaken here and there, more is searched than needed, so noise
-//! costs time and not quality. How much cheaper a match is than all others is what its confidence rests on:
-//! `LEAST_RUNS` are searched at least, and all where the copy is in doubt.
+//! The copy is matched only along rows and with small windows, since paths along columns and large windows
+//! lose thin upright objects. Rows beyond those on the paths of a panel count, too, since such an object is
+//! rarely lost everywhere. Local mistakes of the match only widen the search, so noise costs time, not
+//! quality. A confidence depends on how much cheaper a match is than all others: at least `LEAST_RUNS` are
+//! searched, and all where the copy is in doubt.
 //!
-//! What no pixel of the copy shows is lost: larger windows, more speckles and a smaller reach save
-//! evaluations and lose thin things. With the time of the rough match, little is gained of few disparities:
-//! pairs with fewer than MANY are searched as a whole.
+//! Objects that no pixel of the copy shows are lost: larger windows, more speckles and a smaller reach save
+//! evaluations and lose thin objects. The rough match takes time, so few disparities gain little: pairs with
+//! fewer than MANY are searched completely.
 
 use std::ops::Range;
 
@@ -34,16 +34,16 @@ use phasestereo_match::pair::Pair;
 use phasestereo_match::pair::candidates::{Candidates, Searched};
 use phasestereo_match::settings::{Optimizer, Settings};
 
-/// Fewest disparities of a pair that are narrowed.
+/// Fewest disparities of a pair to narrow.
 const MANY: usize = 384;
-/// How far around a panel the copy is looked at: rows and columns.
+/// Rows and columns around a panel in which the copy counts.
 const REACH: [usize; 2] = [48, 16];
-/// Disparities that are searched below the least and above the largest one of the copy.
+/// Disparities searched below the least and above the largest one of the copy.
 const MARGIN: isize = 4;
-/// Fewest runs of candidates. One alone makes confidences too high to ask a copy.
+/// Fewest runs of candidates. With only one, confidences become too high to ask a copy.
 const LEAST_RUNS: usize = 2;
 
-/// The disparities that are searched in each panel; `None`: all.
+/// The disparities to search in each panel; `None`: all.
 pub fn panel_ranges(pair: &Pair, optimizer: Optimizer, runtime: Runtime) -> Result<Option<PanelRanges>> {
     let follows_paths = matches!(optimizer, Optimizer::SemiGlobal | Optimizer::ScanlineOptimization);
     if !follows_paths || pair.candidates().count() < MANY {
@@ -64,13 +64,13 @@ fn roughly_matched(copy: &Pair, runtime: Runtime) -> Result<Plane<f32>> {
 
     let ranges = panel_ranges(copy, settings.optimizer, runtime)?;
     let section = Section { ranges, ..Section::whole(copy) };
-    // Its rows are not rows of the result: its progress is counted apart.
+    // Its rows are not rows of the result: its progress counts separately.
     let Runtime { matcher, execution, control } = runtime;
     let map = matcher.match_alone(copy, &section, &settings, execution, &control.aside())?;
     Ok(map.disparity)
 }
 
-/// The candidates that are searched in a panel, of all.
+/// The candidates to search in a panel, out of all.
 fn searched(rough: &Plane<f32>, [rows, cols]: [Range<usize>; 2], all: Candidates) -> Searched {
     let near = |range: Range<usize>, reach: usize, count: usize| {
         range.start.saturating_sub(reach) / 2..((range.end + reach).div_ceil(2)).min(count)
@@ -80,7 +80,7 @@ fn searched(rough: &Plane<f32>, [rows, cols]: [Range<usize>; 2], all: Candidates
 
     for y in rows.clone() {
         for disparity in &rough.row(y)[cols.clone()] {
-            // Those that are unknown are passed over.
+            // Unknown ones are ignored.
             (lowest, highest) = (lowest.min(*disparity), highest.max(*disparity));
             known += usize::from(!disparity.is_nan());
         }
@@ -89,7 +89,7 @@ fn searched(rough: &Plane<f32>, [rows, cols]: [Range<usize>; 2], all: Candidates
         return Searched::all(all.count());
     }
 
-    // A disparity of the copy stands for two.
+    // A disparity of the copy represents two.
     let index = |disparity: isize| all.index(disparity).min(all.count() - 1);
     let first = index(2 * lowest as isize - MARGIN);
     let last = index(2 * highest as isize + 1 + MARGIN);

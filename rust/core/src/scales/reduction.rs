@@ -1,8 +1,8 @@
-//! A pair -> the same pair at half the size: the mean of each square of four pixels.
+//! Reduces a pair to half the size: each pixel is the mean of a square of four.
 //!
 //! Means of integers are kept in 16 bits, which hold those of squares of 256 pixels of bytes exactly: over a
-//! few scales no noise of rounding hides what a plain surface shows. They are of gray values, all that phase
-//! codes see; impulses are repaired before, and a pixel is valid if all four are.
+//! few scales no rounding noise hides faint detail of a plain surface. Only gray values are kept, since phase
+//! codes see nothing else; impulses are repaired before, and a pixel is valid if all four are.
 
 use ndarray::Array3;
 
@@ -13,7 +13,7 @@ use phasestereo_match::pair::Pair;
 
 /// Fewest rows and columns of a copy.
 pub const LEAST_SIZE: usize = 100;
-/// Fewest disparities to search of a pair whose copy has distinct ones.
+/// Fewest disparities to search in a pair whose copy still has distinct ones.
 pub const FEWEST_CANDIDATES: usize = 8;
 
 /// A pair at half the size; `None` if it is too small for that.
@@ -30,7 +30,7 @@ pub fn halved(pair: &Pair) -> Option<Pair> {
     let count = (high - low + 1).min(cols as isize / 2);
 
     let inputs = pair.views().map(halved_view);
-    // At its very ends a range may have none on the copy.
+    // At the very ends of a range, the copy may have no disparities.
     Pair::of_inputs(inputs, low as i64, count as i64).ok()
 }
 

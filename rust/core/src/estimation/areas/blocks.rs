@@ -1,4 +1,4 @@
-//! Blocks of the pixels of an image that are searched or left out together.
+//! Blocks of pixels of an image that are searched or left out together.
 
 use std::ops::Range;
 
@@ -6,16 +6,16 @@ use phasestereo_match::base::plane::{Plane, around};
 
 /// Side of a block, pixels.
 pub const BLOCK: usize = 8;
-/// Blocks that show what an image is like.
+/// Blocks that represent an image.
 pub const SAMPLED: usize = 64;
-/// Pixels of a block that cost much along the run, from which on it is searched.
+/// Pixels of a block that must cost much along the run for it to be searched.
 const MANY: usize = 10;
-/// Columns that are searched together: sums over them stay in the first-level cache.
+/// Columns searched together: sums over them stay in the first-level cache.
 const LONGEST: usize = 64;
 
-/// The blocks of an image that are searched.
+/// The searched blocks of an image.
 pub struct Blocks {
-    /// Blocks of a row.
+    /// Blocks in a row.
     pub cols: usize,
     /// Whether each is searched, row after row.
     pub is_searched: Vec<bool>,
@@ -28,13 +28,13 @@ impl Blocks {
         Self { cols, is_searched: vec![false; rows.div_ceil(BLOCK) * cols] }
     }
 
-    /// Those with `MANY` of these pixels.
+    /// Those with at least `MANY` of these pixels.
     pub fn of(pixels: &Plane<bool>) -> Self {
         Self::of_larger(pixels, 1, pixels.size())
     }
 
-    /// The same of an image of this size, larger by a factor that divides a block, each pixel of which stands
-    /// for several.
+    /// The same for an image of this size, larger by a factor that divides a block, where each pixel
+    /// represents several.
     pub fn of_larger(pixels: &Plane<bool>, by: usize, (rows, cols): (usize, usize)) -> Self {
         let mut found = Self::none(rows, cols);
         let side = BLOCK / by;
@@ -54,13 +54,13 @@ impl Blocks {
     /// About [`SAMPLED`] of them, all over the image.
     pub fn sampled(rows: usize, cols: usize) -> Self {
         let mut blocks = Self::none(rows, cols);
-        // Odd, so that they do not lie below one another.
+        // Odd, so that they are not below one another.
         let step = (blocks.is_searched.len() / SAMPLED) | 1;
         blocks.is_searched.iter_mut().step_by(step).for_each(|block| *block = true);
         blocks
     }
 
-    /// The first row and column of each that is searched.
+    /// The first row and column of each searched block.
     pub fn places(&self) -> impl Iterator<Item = (usize, usize)> {
         let searched = (0..self.is_searched.len()).filter(|at| self.is_searched[*at]);
         searched.map(|at| (at / self.cols * BLOCK, at % self.cols * BLOCK))
@@ -74,7 +74,7 @@ impl Blocks {
         }
     }
 
-    /// The columns of neighboring blocks of a row of blocks that are searched.
+    /// The columns of neighboring searched blocks in a row of blocks.
     pub fn stretches(&self, row: usize, cols: usize) -> Vec<Range<usize>> {
         let mut stretches: Vec<Range<usize>> = vec![];
         for (block, is_searched) in

@@ -1,4 +1,4 @@
-//! Loops over sums of the bits in which codes differ: at the guessed disparities, of all candidates, and of
+//! Loops over sums of the bits in which codes differ: at the guessed disparities, for all candidates, and for
 //! blocks.
 
 use std::ops::Range;
@@ -11,12 +11,12 @@ use phasestereo_match::base::simd::{Level, Loop, leveled};
 use phasestereo_match::base::value::{LANES, Lanes, least_lane, nearest};
 use phasestereo_match::cost::phase::ByteDistances;
 
-/// Disparities that see the same match.
+/// Disparities this near see the same match.
 pub const NEXT: usize = 2;
-/// Of the rows of a block, one in this many votes: neighboring rows mostly agree. Not swept.
+/// One in this many rows of a block votes: neighboring rows mostly agree. Not swept.
 const VOTING: usize = 2;
 
-/// Lowers sums to those so far off the guessed disparities, of a band of rows from `top` on.
+/// Lowers sums to those at this offset from the guessed disparities, for a band of rows from `top` on.
 pub struct SumGuessed<'a> {
     pub codes: [&'a Plane<u8>; 2],
     pub guess: Guess<'a>,
@@ -74,12 +74,13 @@ impl Loop for SumGuessed<'_> {
 }
 
 impl Guess<'_> {
-    /// Writes the bits in which the codes of a row differ from those so far off the guessed disparities.
-    /// Where there is no disparity, the last one to the left counts, or else the middle of the run.
+    /// Writes the bits in which the codes of a row differ from those at this offset from the guessed
+    /// disparities. Where there is no disparity, the last one to the left counts, otherwise the middle of the
+    /// run.
     #[inline(always)]
     fn differences(&self, [left, right]: [&Plane<u8>; 2], run: Span, off: i32, y: usize, line: &mut [u8]) {
         let share = self.finer as f32 / self.by as f32;
-        // The others may lack what is left of a division.
+        // The other copies may not include the remainder of a division.
         let last = (self.disparity.rows() - 1, self.disparity.cols() - 1);
         let guessed = self.disparity.row((y * self.by / self.finer).min(last.0));
         let reduced = self.finer.ilog2();
@@ -96,7 +97,7 @@ impl Guess<'_> {
     }
 }
 
-/// Sums of neighboring columns of a row of blocks, of which `top` is the first of `count` rows.
+/// Sums for neighboring columns of a row of blocks with `count` rows from `top` on.
 pub struct BlockWindows<'a> {
     pub costs: &'a ByteDistances,
     pub rows: usize,
@@ -149,7 +150,7 @@ pub fn visit<F: FnMut(usize, usize, &[Lanes<u8>])>(level: Level, windows: BlockW
     }
 }
 
-/// The doubtful pixels of an image: those of smaller copies, each of which stands for some.
+/// The doubtful pixels of an image: those of smaller copies, each representing several.
 #[derive(Clone, Copy)]
 pub struct Voters<'a> {
     /// Whether a pixel of the copies votes.
@@ -162,7 +163,7 @@ pub struct Voters<'a> {
     pub cols: usize,
 }
 
-/// The sums of the doubtful pixels of a block. `costs`: those of the image. `voters`: the pixels that vote.
+/// The sums over the doubtful pixels of a block. `costs`: those of the image. `voters`: the pixels that vote.
 /// `block`: its first row and column.
 #[leveled]
 pub fn vote(
@@ -193,10 +194,10 @@ pub fn vote(
     sums
 }
 
-/// Adds, or subtracts, every lane.
+/// Adds or subtracts every lane.
 #[inline(always)]
 pub fn add(sums: &mut [Lanes<u8>], terms: &[Lanes<u8>], step: impl Fn(u8, u8) -> u8) {
-    // Whole runs by value: the compiler does not know that sums and terms are apart.
+    // Whole runs by value: the compiler does not know that sums and terms do not overlap.
     for (sums, terms) in sums.iter_mut().zip(terms) {
         let (mut summed, terms) = (*sums, *terms);
         for lane in 0..LANES {
@@ -210,11 +211,11 @@ pub fn add(sums: &mut [Lanes<u8>], terms: &[Lanes<u8>], step: impl Fn(u8, u8) ->
 pub struct Borders {
     pub cols: usize,
     pub count: usize,
-    /// From place `cols - 1 - x` on, for candidate after candidate: 0 where column `x` sees the right image,
-    /// else 255.
+    /// From place `cols - 1 - x` on, for each candidate in turn: 0 where column `x` sees the right image,
+    /// otherwise 255.
     pub beyond: Vec<u8>,
-    /// 255 for the candidates along the run, else 0; and 255 for those outside it. Lanes beyond the last one
-    /// have 255.
+    /// 255 for the candidates along the run, otherwise 0; and 255 for those outside it. Lanes beyond the last
+    /// one are 255.
     pub excluded: [Vec<Lanes<u8>>; 2],
 }
 
@@ -251,7 +252,7 @@ impl Borders {
         [least_lane(&outside), least_lane(&along)]
     }
 
-    /// What stands out outside the run.
+    /// The standout outside the run.
     #[inline(always)]
     pub fn outside(&self, sums: &[Lanes<u8>], x: usize) -> Option<Standout> {
         let [own, along] = self.least(sums, x);
@@ -277,7 +278,7 @@ impl Borders {
     }
 }
 
-/// The candidate of a pixel with the least sum, of those that see the other image.
+/// The candidate of a pixel with the least sum, among those that see the other image.
 #[leveled]
 pub fn choose(
     level: Level,
@@ -301,7 +302,7 @@ pub fn choose(
         }
     }
 
-    // x - d is a column from 0 on, and before the last.
+    // x - d is a column: at least 0, at most the last.
     let (start, end) = (candidates.index(x as isize + 1 - cols as isize), candidates.index(x as isize + 1));
     let sums = &sums.as_flattened()[start..end];
     let least = sums.iter().enumerate().min_by_key(|(_, sum)| **sum);
