@@ -1,10 +1,10 @@
-//! What was found of a pair, or of its match, in plain words, the same for all faces.
+//! Findings on a pair, or on its match, in plain words, the same for all interfaces.
 //!
-//! [`of_pair`] reports on a pair, topic by topic, in a fixed order, also that all is well. [`of_match`]
-//! reports on its match, the worst first, and nothing if all is well: how many pixels are probably wrong, and
-//! because of what; where the range was too short; and, word for word, what is worth knowing about the pair.
-//! Faults of the pair that the match has compensated, or suffered from, are notes: the first sentence says
-//! how much it suffered.
+//! [`of_pair`] reports on a pair, topic by topic, in a fixed order, including topics that are well.
+//! [`of_match`] reports on its match, worst first, and nothing if all is well: how many pixels are probably
+//! wrong, and why; where the range was too short; and the relevant findings on the pair, word for word.
+//! Faults of the pair that the match compensated or suffered from are notes: the first sentence reports the
+//! harm.
 //!
 //! Each finding is a row of a [`table`]: a quantity, two levels, a sentence, a cause, and what to do.
 
@@ -20,8 +20,8 @@ pub use self::rectified::{along_columns, not_rectified, rectification, rectified
 
 use crate::finding::{Finding, Severity, Topic};
 
-/// Findings of several sources by topic, in the order in which topics come first, and without "all is well" on a
-/// topic of which something else is reported.
+/// Findings of several sources by topic, in the order in which the topics first occur, without "all is well"
+/// where the same topic has another finding.
 pub fn by_topic(mut findings: Vec<Finding>) -> Vec<Finding> {
     let mut topics: Vec<Topic> = vec![];
     for finding in &findings {
@@ -84,7 +84,7 @@ mod tests {
         identical: false,
     };
 
-    /// Estimates of a pair that has no fault.
+    /// Estimates of a pair without faults.
     fn sound() -> Estimates {
         let candidates = Candidates::new(0, 20, SIZE.1).expect("legal");
         Estimates {
@@ -107,7 +107,7 @@ mod tests {
         blur::Estimate { blurs: vec![kind], certainty, ..blur::Estimate::unknown(SIZE) }
     }
 
-    /// The severity and the sentence of the finding on a topic that is not well.
+    /// The severity and the sentence of the first finding on a topic that is not well.
     fn said(estimates: &Estimates, topic: Topic) -> (Severity, String) {
         let found = of_pair(estimates, SIZE, None, &Preset::Robust.settings());
         let one = found.into_iter().filter(|one| one.topic == topic).max_by_key(|one| one.severity);
@@ -143,7 +143,7 @@ mod tests {
         assert!(positive.0 == Severity::Note && positive.1.contains("may be exchanged"));
         assert_eq!(of(SearchRange { mixed: true, ..RANGE }).0, Severity::Note);
 
-        // Of the same disparities, rows distinguish turned cameras from exchanged images.
+        // Disparities are the same; rows distinguish turned cameras from exchanged images.
         let swapped = SearchRange { shown: shown(-0.8, -0.2), ..negative };
         for (twist, is_toed_in) in [(2.0, true), (0.2, false), (-2.0, false)] {
             let mut terms = [0.0; TERMS];
@@ -229,7 +229,7 @@ mod tests {
             "the right image is blurred by a motion of 9.0 px at 30 degrees, the left one by a motion"
         ));
 
-        // What does not match has no blur in common.
+        // Images that do not match have no relative blur.
         let blur = || softer(Side::Left, Psf::disk(3.1), None, 0.9);
         let unlike = Estimates { blur: Some(blur()), confidence: Some(0.3), ..sound() };
         assert!(said(&unlike, Topic::Blur).1.contains("too little in common"));

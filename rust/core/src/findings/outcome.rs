@@ -1,4 +1,4 @@
-//! What is reported of a match: how much of it is wrong, and because of what.
+//! Findings on a match: how much of it is wrong, and why.
 
 use std::cmp::Reverse;
 
@@ -11,7 +11,7 @@ use crate::estimation::range::LEAST_CONFIDENCE;
 use crate::finding::{Finding, Severity, Topic};
 use phasestereo_match::matcher::summary::Summary;
 
-/// A match of a pair, and what of the findings on the pair matters to it.
+/// A match of a pair, and the findings on the pair that matter to it.
 struct Outcome<'a> {
     estimates: &'a Estimates,
     summary: &'a Summary,
@@ -19,24 +19,24 @@ struct Outcome<'a> {
 }
 
 table! {
-    /// How much of a match is wrong.
+    /// The share of a match that is wrong.
     FAILURES of outcome: Outcome;
-    // A share of the pixels. Of 532 pairs under 28 kinds of faults, warned of are all but one of the 215 of
-    // which 30 % were wrong or more, and 4 of the 192 with less than 15 %.
+    // A share of the pixels. Of 532 pairs under 28 kinds of faults, it warns of all but one of the 215 with
+    // 30 % wrong pixels or more, and of 4 of the 192 with less than 15 %.
     Match, Levels([0.25, 0.25]), outcome.failed(outcome.summary.wrong),
         "about {0} of the pixels are probably wrong{1}";
-    // A share of the pixels, where that of wrong ones is unknown. Of 12 pairs up to 22 %, of unrelated images
-    // 43 % or more, with rows 2 px off 38 % or more.
+    // A share of the pixels, if the share of wrong ones is unknown: up to 22 % on 12 pairs, 43 % or more on
+    // unrelated images, 38 % or more with rows 2 px off.
     Match, Levels([0.25, 0.35]),
         if outcome.summary.wrong.is_nan() { outcome.failed(outcome.summary.flagged) } else { vec![] },
         "{0} of the pixels fail the left-right check{1}";
 }
 
 table! {
-    /// What else a map shows.
+    /// Other properties of a map.
     MAP of outcome: Outcome;
-    // A share of the pixels, less what wrong matches have by chance. Of 13 pairs up to 0.3 % at the upper
-    // end, of a range of a third 5 % or more, with any preset.
+    // A share of the pixels, minus the share that wrong matches have by chance. At the upper end, up to 0.3 %
+    // on 13 pairs, and 5 % or more with a third of the range, with any preset.
     Range, Levels([0.01, 0.02]), ends(outcome),
         "the range of {0} px is too short: {1} of the pixels are at its end at {2} px; search more disparities there{3}",
         cause("a range that is too short", f64::NEG_INFINITY);
@@ -51,19 +51,19 @@ table! {
         "the budget left no time for smaller copies and planes";
 }
 
-/// The share of wrong pixels from which on a match is warned of.
+/// The share of wrong pixels from which a match has a warning.
 pub fn most_wrong() -> f64 {
     levels(FAILURES, Topic::Match)[1]
 }
 
-/// What is reported of a match during which a device failed.
+/// The finding on a match during which a device failed.
 pub fn device_failed(reason: &str) -> Finding {
     let sentence = format!("the GPU failed, and the processor took over, with the same result: {reason}");
     Finding::note(Topic::Match, sentence)
 }
 
-/// What is reported of a match of this size, the worst first; nothing if all is well, or the images are too
-/// small to judge.
+/// The findings on a match of this size, worst first; none if all is well, or if the images are too small to
+/// judge.
 pub fn of_match(estimates: &Estimates, summary: &Summary, (rows, cols): (usize, usize)) -> Vec<Finding> {
     if rows.min(cols) < LEAST_SIZE {
         return vec![];
@@ -75,7 +75,7 @@ pub fn of_match(estimates: &Estimates, summary: &Summary, (rows, cols): (usize, 
     outcome.known.extend(of_map);
     let failure = evaluated(FAILURES, |measure| measure(&outcome));
 
-    // Of equal ones, the match comes first, then the topics as they are.
+    // Of equally severe ones, the match comes first, then the topics in their order.
     let mut findings = outcome.known;
     findings.sort_by_key(|one| (Reverse(one.severity), one.topic != Topic::Match));
     let is_worse = |one: &Finding| failure.iter().any(|failure| one.severity > failure.severity);
@@ -84,7 +84,7 @@ pub fn of_match(estimates: &Estimates, summary: &Summary, (rows, cols): (usize, 
     findings
 }
 
-/// Why the match of a copy of a pair cannot be trusted as a whole, beside what is reported of the pair.
+/// Why the match of a copy of a pair cannot be trusted as a whole, in addition to the findings on the pair.
 pub fn of_copy(
     estimates: Estimates,
     summary: &Summary,
@@ -107,7 +107,7 @@ pub fn of_copy(
 }
 
 impl Outcome<'_> {
-    /// A finding on the pair as the match has it: faults that it compensated or suffered from are notes.
+    /// A finding on the pair for its match: faults that it compensated or suffered from are notes.
     fn of_pair(&self, found: &Finding) -> Option<Finding> {
         if found.severity == Severity::Ok || found.is_unknown {
             return None;
@@ -120,9 +120,9 @@ impl Outcome<'_> {
         Some(Finding { severity: found.severity.min(most), ..found.clone() })
     }
 
-    /// A share of the pixels that failed, and because of what, as far as that is known.
+    /// A share of the pixels that failed, and the causes, as far as known.
     fn failed(&self, share: f64) -> Vec<Measured> {
-        // Nothing is wrong but that there is nothing to match, which is reported of the pair.
+        // The only fault is that there is nothing to match; a finding on the pair reports it.
         if self.estimates.is_one_image() {
             return vec![];
         }
@@ -146,15 +146,15 @@ impl Outcome<'_> {
         value(share, [percent(share), because])
     }
 
-    /// Whether much of the image shows too little detail for its size, and this share of the pixels is worth
-    /// a finding.
+    /// Whether much of the image has too little detail for its size, and this share of the pixels deserves a
+    /// finding.
     fn is_plain(&self, share: f64) -> bool {
         self.summary.coarse + self.summary.inferred >= PLAIN && share >= MENTIONED
     }
 }
 
-/// The share of the pixels at the fuller end of the range, unless that is reported already, or nothing
-/// matches anyway.
+/// The share of the pixels at the fuller end of the range, unless it is reported already, or nothing matches
+/// anyway.
 fn ends(outcome: &Outcome) -> Vec<Measured> {
     let Outcome { estimates, summary, known } = outcome;
     let is_decided = |one: &Finding| matches!(one.topic, Topic::Match | Topic::Range);
@@ -167,7 +167,7 @@ fn ends(outcome: &Outcome) -> Vec<Measured> {
     let candidates = estimates.candidates.value;
     let (first, last) = (candidates.min(), candidates.max());
     let Summary { at_low, at_high, wrong, flagged, .. } = **summary;
-    // What is infinitely far away lies at 0.
+    // Infinitely distant points lie at 0.
     let is_well = evaluated(FAILURES, |measure| measure(outcome)).is_empty() || at_low < AT_ZERO;
     let at_low = if first == 0 && is_well { 0.0 } else { at_low };
     let (share, end) = if at_low > at_high { (at_low, first) } else { (at_high, last) };
@@ -175,7 +175,7 @@ fn ends(outcome: &Outcome) -> Vec<Measured> {
     let is_found =
         estimates.range.as_ref().is_some_and(|range| (range.min, range.count) == candidates.numbers());
     let remedy = if is_found { "" } else { ", or leave num_disparities out" };
-    // Wrong matches lie anywhere in the range, also at its ends.
+    // Wrong matches lie anywhere in the range, including its ends.
     let by_chance = 2.0 * if wrong.is_nan() { flagged } else { wrong } / candidates.count() as f64;
     value(
         share - by_chance,
@@ -189,7 +189,7 @@ mod tests {
     use phasestereo_match::pair::candidates::Candidates;
 
     const SIZE: (usize, usize) = (100, 100);
-    /// The summary of a match that is well, with some changes.
+    /// The summary of a good match, with some changes.
     fn summary(change: impl FnOnce(&mut Summary)) -> Summary {
         let mut well = Summary::default();
         (well.estimated, well.confidence, well.detail) = (1.0, 1.0, f64::NAN);

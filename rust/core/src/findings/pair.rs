@@ -1,7 +1,7 @@
-//! What is reported of a pair: the table, and how each quantity is measured.
+//! Findings on a pair: the table, and how each quantity is measured.
 //!
-//! Ordinary pairs are below the levels: rows of Middlebury's are off by up to 0.26 pixels rms, medians of
-//! their gray levels differ by up to 9 %, and gamma by up to 7 %.
+//! Ordinary pairs are below the levels: on Middlebury, rows are off by up to 0.26 pixels rms, medians of the
+//! gray levels differ by up to 9 %, and gamma by up to 7 %.
 
 use std::fmt;
 
@@ -29,7 +29,7 @@ use phasestereo_match::pair::fitting::Fit;
 use phasestereo_match::pair::overlay::Overlay;
 use phasestereo_match::settings::Settings;
 
-/// A pair of which something was estimated.
+/// A pair with estimates.
 #[derive(Clone, Copy)]
 pub struct Known<'a> {
     pub estimates: &'a Estimates,
@@ -55,7 +55,7 @@ const UNLIKE: &str = "images that hardly match";
 const SHORT: &str = "a range that is too short";
 
 table! {
-    /// All that is reported of a pair, in this order.
+    /// All findings on a pair, in this order.
     PAIR of known: Known;
     Match, Warning, when(known.is_stuck(), []), NEGATIVE,
         remedy("invert one of them (255 - image), or match with compensate_blur=True, which does"), cause(UNLIKE, 0.0);
@@ -92,7 +92,7 @@ table! {
     Swap, Well, known.ends_if(|range| !range.identical && !range.negative && !range.mixed && !range.is_exchanged()),
         "left and right are in their places";
     Range, Well, found_range(known), "disparities are {0}: match with min_disparity {1} and num_disparities {2}";
-    // Found beyond the given range, as a share of its length.
+    // The part found beyond the given range, as a share of its length.
     Range, Levels([0.2, 0.2]), given_range(known), "the range of {0} px is too short: there seem to be {1}",
         remedy("search more disparities, or leave num_disparities out"), cause(SHORT, 0.0);
     Range, Warning, left_out(known),
@@ -101,7 +101,7 @@ table! {
     Alignment, Levels(ROWS), sway(known), SWAYS, errors(ROW_ERRORS), well(SWAYS);
     Alignment, Levels(ROWS), rows_off(known, true), "the right image {1} ({0})", errors(ROW_ERRORS), well(ROWS_WELL),
         remedy("it is straightened for the match, but rectify the pair again");
-    // No warning: what does not help the match may be wrong.
+    // No warning: an estimate that does not help the match may be wrong.
     Alignment, Levels([ROWS[0], f64::INFINITY]), rows_off(known, false),
         "rows seem to be off ({0}), but straightening does not help", errors(ROW_ERRORS), well(ROWS_WELL),
         remedy("the baseline may not be level"), cause("rows that do not correspond", ROWS[1]);
@@ -124,7 +124,7 @@ table! {
          or of film grain",
         remedy("it is subtracted for the match; a dark frame or a flat field of the camera would remove all of it"),
         cause("a pattern that both images share", 0.0);
-    // The noise that would do as much harm, as a share of the range of gray levels.
+    // The noise that would do the same harm, as a share of the range of gray levels.
     Coding, Levels([0.006, 0.03]), coding(known),
         "compression has left blocks in the {0} image, as harmful as noise of {1} gray levels",
         remedy("store images without loss, or with more bits"), cause("lossy compression", 0.0);
@@ -137,7 +137,7 @@ table! {
         cause("areas without texture", 0.0);
     Texture, Well, when(known.matches_from(TEXTURED) && known.flat().is_some_and(|share| !share.is_nan()), []),
         "there is enough texture to match";
-    // A share of the image, within the range: of 21 pairs up to 3 %.
+    // A share of the image, within the range: up to 3 % on 21 pairs.
     Repetition, Levels([0.2, 0.45]), repetition(known), "texture repeats itself along {0} of the rows",
         remedy("several disparities fit there alike"), cause("texture that repeats itself", 0.0);
     Interlacing, Warning, interlacing(known),
@@ -149,7 +149,7 @@ table! {
         remedy("mask it yourself if it is larger");
 }
 
-/// The estimates of a pair in memory with their findings.
+/// The estimates of a pair in memory, with their findings.
 pub fn with_findings(estimates: Estimates, pair: &Pair, settings: &Settings) -> Estimates {
     let overlays = pair.overlays().to_vec();
     let estimates = Estimates { borders: pair.borders(), overlays, ..estimates };
@@ -157,8 +157,8 @@ pub fn with_findings(estimates: Estimates, pair: &Pair, settings: &Settings) -> 
     Estimates { findings, ..estimates }
 }
 
-/// What is reported of a pair of this size, also that all is well. `fit`: how its right image was brought to
-/// this size.
+/// The findings on a pair of this size, including topics that are well. `fit`: how its right image was
+/// brought to this size.
 pub fn of_pair(
     estimates: &Estimates,
     size: (usize, usize),
@@ -171,13 +171,13 @@ pub fn of_pair(
     findings
 }
 
-/// The levels of a topic of pairs: of a note, and of a warning.
+/// The levels of a topic of pairs: for a note, and for a warning.
 pub fn levels_of(topic: Topic) -> [f64; 2] {
     levels(PAIR, topic)
 }
 
 impl Known<'_> {
-    /// Whether nothing can be matched, because one image is a negative and nobody compensates that.
+    /// Whether nothing can be matched, because one image is a negative that is not compensated.
     fn is_stuck(&self) -> bool {
         self.estimates.is_inverted && !self.settings.compensate_blur
     }
@@ -188,12 +188,12 @@ impl Known<'_> {
         !self.is_stuck() && self.estimates.range.is_none() && (!self.is_given() || is_unlike)
     }
 
-    /// Whether that is not because the images are too small or too uniform.
+    /// Whether hardly anything matches although the images are large enough and have texture.
     fn is_unlike(&self) -> bool {
         self.is_lost() && self.lack("").is_empty()
     }
 
-    /// Whether the caller states the disparities.
+    /// Whether the caller gave the disparities.
     fn is_given(&self) -> bool {
         self.estimates.candidates.origin == Origin::Given
     }
@@ -203,10 +203,10 @@ impl Known<'_> {
         self.estimates.confidence.is_some_and(|found| found >= least)
     }
 
-    /// That something cannot be measured, if both images are too small or too uniform for it.
+    /// Reports that something cannot be measured, if both images are too small or too uniform.
     fn lack(&self, what: &str) -> Vec<Measured> {
         let (rows, cols) = self.size;
-        // Texture as fine as noise counts as such, but matches.
+        // Texture as fine as noise counts as noise, but matches.
         let is_uniform = self.flat().is_some_and(|share| share >= UNIFORM);
         if rows.min(cols) < LEAST_SIZE {
             unknown(format!("the images are too small to measure {what}"))
@@ -217,7 +217,7 @@ impl Known<'_> {
         }
     }
 
-    /// That something cannot be measured, for that reason or because too little matches.
+    /// Reports that something cannot be measured, for that reason or because too little matches.
     fn unmatched(&self, what: &str) -> Vec<Measured> {
         let lack = self.lack(what);
         let unlike = || unknown(format!("the images have too little in common to measure {what}"));
@@ -228,8 +228,8 @@ impl Known<'_> {
         self.estimates.range.as_ref().filter(|_| !self.is_stuck())
     }
 
-    /// The least and the largest disparity, and what shows the order of the cameras, if disparities are all
-    /// negative or not, as given, and the order is this one.
+    /// The least and the largest disparity, and the signs of the order of the cameras, if this is the order,
+    /// and if disparities are all negative, or not, as given.
     fn shows(&self, negative: bool, order: Order) -> Vec<Measured> {
         let range = self.range().filter(|range| {
             let by_place = negative && self.is_toed_in(range) || !negative && range.mixed;
@@ -238,14 +238,14 @@ impl Known<'_> {
         range.map_or(vec![], |range| value(0.0, [ends(range), signs(range.shown)]))
     }
 
-    /// The least and the largest disparity, if the range that was found is like that.
+    /// The least and the largest disparity, if the found range meets this condition.
     fn ends_if(&self, is_so: impl Fn(&SearchRange) -> bool) -> Vec<Measured> {
         let range = self.range().filter(|range| is_so(range));
         range.map_or(vec![], |range| value(0.0, [ends(range)]))
     }
 
-    /// Whether rows differ as those of cameras that are turned towards each other by so much that disparities
-    /// are negative.
+    /// Whether rows differ as with cameras that are turned towards each other far enough for negative
+    /// disparities.
     fn is_toed_in(&self, range: &SearchRange) -> bool {
         let Some(found) = &self.estimates.offsets else { return false };
         let of_shift = least_twist(range.low, found.field.size());
@@ -256,7 +256,7 @@ impl Known<'_> {
         self.estimates.offsets.as_ref().filter(|_| self.settings.align_rows)
     }
 
-    /// The largest offset by the spline of the row, if rows sway and are straightened.
+    /// The largest offset of a row by the spline, if rows sway and are straightened.
     fn sway(&self) -> Option<f64> {
         let sway = self.offsets()?.field.largest_sway();
         (self.estimates.alignment.is_some() && sway >= SWAY).then_some(sway)
@@ -271,8 +271,8 @@ impl Known<'_> {
         self.photometry().map(|found| found.flat[0].max(found.flat[1]))
     }
 
-    /// How gray levels correspond: of a negative the curve says nothing, and without a match nothing is
-    /// compared.
+    /// The relation of the gray levels: the curve means nothing for a negative, and nothing is compared
+    /// without a match.
     fn contrast(&self) -> std::result::Result<Contrast, Vec<Measured>> {
         let is_matched = self.estimates.range.is_some() || self.is_given();
         let found = self.photometry().filter(|_| !self.estimates.is_inverted).ok_or_else(Vec::new)?;
@@ -288,14 +288,14 @@ fn span(low: impl fmt::Display, high: impl fmt::Display) -> String {
     format!("{low} to {high}")
 }
 
-/// What shows the order of the cameras, in words.
+/// The signs of the order of the cameras, in words.
 fn signs(Signs { ground, sides, .. }: Signs) -> String {
     let mut words = vec![];
     if ground != 0.0 {
         let depth = if ground > 0.0 { "nearer" } else { "farther" };
         words.push(format!("what is lower in the image is {depth} (rank correlation {ground:.2})"));
     }
-    // Strips that speak for the other order are too few to count.
+    // The strips that favor the other order are too few to count.
     if sides * ground > 0.0 {
         let side = if sides > 0.0 { "left" } else { "right" };
         words.push(format!("what one camera alone sees lies to the {side} of near things"));
@@ -330,7 +330,7 @@ fn left_out(known: &Known) -> Vec<Measured> {
     known.estimates.left_out.iter().filter(|_| !known.is_stuck()).flat_map(place).collect()
 }
 
-/// The black borders that are masked: of both images at once, if they are alike.
+/// The masked black borders: of both images in one finding, if they are alike.
 fn borders(known: &Known) -> Vec<Measured> {
     let [left, right] = known.estimates.borders.map(percent);
     if left == right && known.estimates.borders[0] > 0.0 {
@@ -366,7 +366,7 @@ fn sway(known: &Known) -> Vec<Measured> {
     offset(&found.field, found.error, format!("{sway:.1}"))
 }
 
-/// The rows of an image that is straightened, or is not; beside the spline if they sway.
+/// The rows of an image, straightened or not; in addition to the spline if they sway.
 fn rows_off(known: &Known, is_straightened: bool) -> Vec<Measured> {
     let is_so = known.estimates.alignment.is_some() == is_straightened;
     let Some(found) = known.offsets().filter(|_| is_so) else { return vec![] };
@@ -379,7 +379,7 @@ fn rows_off(known: &Known, is_straightened: bool) -> Vec<Measured> {
     }
 }
 
-/// The parts of a vertical disparity that are clear, in words.
+/// The clear parts of a vertical disparity, in words.
 fn parts(found: &RowOffsets) -> String {
     let (rows, cols) = found.field.size();
     let coefficients = found.field.coefficients();
@@ -407,7 +407,7 @@ fn distortion(known: &Known) -> Vec<Measured> {
     found.map_or(vec![], |most| value(most, [format!("{most:.1}")]))
 }
 
-/// The kinds of blur that are large enough; none is a blur of 0.
+/// The kinds of blur that cover enough of the image; a blur of 0 if there are none.
 fn softer(known: &Known) -> Vec<Measured> {
     let Some(found) = &known.estimates.blur else { return vec![] };
     let is_poor = known.estimates.confidence.is_some_and(|sure| sure < BLUR_CONFIDENCE)
@@ -416,7 +416,7 @@ fn softer(known: &Known) -> Vec<Measured> {
         return known.unmatched("which image is softer");
     }
 
-    // Disks of several radii in one image are one finding: they follow depth.
+    // Disks of several radii in one image are one finding, since they follow depth.
     let mut kinds: Vec<(Vec<&Blur>, f64)> = vec![];
     for (blur, share) in found.blurs.iter().zip(found.shares()) {
         match kinds.iter_mut().find(|(kind, _)| follow_depth(blur, kind[0])) {
@@ -431,7 +431,7 @@ fn softer(known: &Known) -> Vec<Measured> {
     let plan = known.estimates.compensation.as_ref();
     let is_left = plan.is_none_or(|plan| plan.kernels.iter().flatten().all(Option::is_none));
     let measured = |(mut kind, share): (Vec<&Blur>, f64)| {
-        // The bits of positive numbers have their order.
+        // The bits of positive numbers are in the order of the numbers.
         kind.sort_by_cached_key(|blur| blur.spread().to_bits());
         let spread = kind.last()?.spread();
         let area = (found.blurs.len() > 1).then_some(share);
@@ -453,8 +453,8 @@ fn follow_depth(one: &Blur, other: &Blur) -> bool {
         && family(one).is_some_and(is_by_depth)
 }
 
-/// The image that is softer; by what, over a part of it if there are several kinds of blur; what to check;
-/// and whether slight blur is left. Several kinds are disks, by rising radius.
+/// The softer image; its blur, with its share of the image if there are several kinds; what to check; and
+/// whether slight blur is left. Several kinds are disks, by increasing radius.
 fn blur_words(kinds: &[&Blur], area: Option<f64>, is_left: bool) -> Option<Vec<String>> {
     let (least, blur) = (kinds.first()?, kinds.last()?);
     let [side, other] = [blur.side?, blur.side?.other()].map(Side::name);
@@ -488,12 +488,12 @@ fn shape(blur: &Blur) -> String {
         .map_or_else(|| format!("a blur of no simple shape, of radius {radius:.1} px rms"), |psf| psf.words())
 }
 
-/// How far a factor is from 1, the same for its inverse. No logarithm is taken of zero.
+/// The distance of a factor from 1, the same for its inverse. It avoids the logarithm of zero.
 fn distance(factor: f64) -> f64 {
     math::ln(factor.max(1e-6)).abs()
 }
 
-/// By how much the ratio of gray levels differs between dark and bright areas.
+/// The difference of the ratio of gray levels between dark and bright areas.
 fn bend(found: &Contrast) -> f64 {
     distance(found.ends[0] / found.ends[1])
 }
@@ -508,7 +508,7 @@ fn brightness(known: &Known) -> Vec<Measured> {
         Err(unknown) => return unknown,
     };
     let differs = distance(found.ratio);
-    // The images are not equally bright if only their curves differ.
+    // Images whose curves differ are not equally bright everywhere.
     if differs < levels_of(Topic::Contrast)[0] && bend(&found) >= CURVES[0] {
         return vec![];
     }
@@ -607,7 +607,7 @@ fn two_digits(value: f64) -> String {
     }
 }
 
-/// A number to about five significant digits, without zeros at its end.
+/// A number to about five significant digits, without trailing zeros.
 fn five_digits(value: f64) -> String {
     if value >= 10_000.0 {
         return format!("{value:.0}");

@@ -1,4 +1,4 @@
-//! What is reported of a pair that was fitted or rectified before its match.
+//! Findings on a pair that was resized or rectified before its match.
 
 use super::choices::CLEARLY;
 use super::table::Grade::Note;
@@ -41,7 +41,7 @@ table! {
     Alignment, Note, when(found.is_inverted, []), "the right image seems to be a negative of the left one";
 }
 
-/// That the right image was brought to the size of the left one.
+/// Reports that the right image was brought to the size of the left one.
 pub fn fitted(fit: &Fit) -> Finding {
     let Fit { from, to, is_alike, scale, .. } = fit;
     let done = if *is_alike {
@@ -59,17 +59,17 @@ pub fn fitted(fit: &Fit) -> Finding {
     Finding::note(Topic::Alignment, sentence)
 }
 
-/// That a pair was rectified by what it shows, and what its disparities are.
+/// Reports that a pair was rectified from its images, and the meaning of its disparities.
 pub fn rectified(found: &Rectification) -> Finding {
     Finding::note(Topic::Alignment, sentences(RECTIFIED, found).join("; "))
 }
 
-/// What was found of pairs that were rectified to be matched later.
+/// The findings on pairs that were rectified to be matched later.
 pub fn rectification(found: &Rectification) -> Vec<String> {
     sentences(FOUND, found)
 }
 
-/// That a pair was matched along its columns, since one camera is above the other.
+/// Reports that a pair was matched along its columns, since one camera is above the other.
 pub fn along_columns(axis: Axis) -> Finding {
     let sentence = format!(
         "one camera is above the other: {}: columns are matched, and pixel (x, y) of the left image is \
@@ -79,8 +79,8 @@ pub fn along_columns(axis: Axis) -> Finding {
     Finding::note(Topic::Alignment, sentence)
 }
 
-/// That one camera is above the other, or, of a pair that hardly matches, why it could not be rectified by
-/// what it shows. `is_turned`: it was to be matched along its columns.
+/// Reports that one camera is above the other, or, for a pair that hardly matches, why it could not be
+/// rectified from its images. `is_turned`: it was to be matched along its columns.
 pub fn not_rectified(estimates: &Estimates, is_turned: bool, refusal: &Refusal) -> Option<Finding> {
     if let Refusal::Axis(axis) = refusal {
         let axis = if is_turned { axis.turned_back() } else { *axis };
@@ -126,7 +126,7 @@ fn blocks(found: &Rectification) -> String {
     format!("{} blocks{of}", found.blocks)
 }
 
-/// The larger distortion of both lenses, of those that are clear.
+/// The larger of the clear distortions of both lenses.
 fn distorted(found: &Rectification) -> Vec<Measured> {
     let is_clear = |(bent, error): &(f64, f64)| bent.abs() >= DISTORTED.0.max(DISTORTED.1 * error);
     let clear = found.distortion.into_iter().filter(is_clear).map(|(bent, _)| bent);

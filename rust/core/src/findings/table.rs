@@ -1,23 +1,23 @@
-//! The tables of findings: what a row has, and how it is evaluated.
+//! The tables of findings: the parts of a row, and its evaluation.
 //!
 //! ```text
 //! for each row:  values = its quantity, measured
 //!     for each value:  severity = by the two levels of the row, or fixed
-//!                      sentence = that of the row with its holes filled; if it is not well, ": " and what to do
+//!                      sentence = that of the row, filled in; if it is not well, ": " and the remedy
 //! ```
 
 use crate::finding::{Finding, Severity, Topic};
 
-/// What decides how grave a finding is.
+/// The rule for the severity of a finding.
 #[derive(Debug, Clone, Copy)]
 pub enum Grade {
-    /// It is well.
+    /// Always well.
     Well,
-    /// A note.
+    /// Always a note.
     Note,
-    /// A warning.
+    /// Always a warning.
     Warning,
-    /// A note from the first level on, a warning from the second one on.
+    /// A note from the first level, a warning from the second.
     Levels([f64; 2]),
 }
 
@@ -28,13 +28,13 @@ pub struct Measured {
     pub value: f64,
     /// Its standard error.
     pub error: f64,
-    /// What fills the holes of the sentence.
+    /// The words that fill in the sentence.
     pub words: Vec<String>,
-    /// Why there is no value.
+    /// The reason for a missing value.
     pub unknown: Option<String>,
 }
 
-/// A row of a table. `M` measures the quantity: without a value there is no finding.
+/// A row of a table. `M` measures the quantity; without a value there is no finding.
 #[derive(Debug, Clone, Copy)]
 pub struct Row<M> {
     topic: Topic,
@@ -54,22 +54,22 @@ impl<M: Copy> Row<M> {
         Self { topic, grade, measure, sentence, errors, well: "", remedy: "", cause }
     }
 
-    /// Values must also be this many standard errors.
+    /// The least value in standard errors.
     pub const fn errors(self, errors: [f64; 2]) -> Self {
         Self { errors, ..self }
     }
 
-    /// The sentence of values below the levels; without one there is no finding then.
+    /// The sentence for values below the levels; without it they make no finding.
     pub const fn well(self, well: &'static str) -> Self {
         Self { well, ..self }
     }
 
-    /// What to do.
+    /// The remedy.
     pub const fn remedy(self, remedy: &'static str) -> Self {
         Self { remedy, ..self }
     }
 
-    /// What a failed match is due to, if the value is at least this.
+    /// The cause of a failed match, if the value is at least this.
     pub const fn cause(self, cause: &'static str, from: f64) -> Self {
         Self { cause: (cause, from), ..self }
     }
@@ -108,8 +108,8 @@ impl<M: Copy> Row<M> {
     }
 }
 
-/// A table of quantities of a type: topic, grade, the quantity by the name of what it is of, sentence, and
-/// what else a row has.
+/// A table of quantities of a type: topic, grade, the quantity as an expression of the named value, sentence,
+/// and the other parts of a row.
 macro_rules! table {
     ($(#[$about:meta])* $table:ident of $of:ident: $type:ty;
      $($topic:ident, $grade:expr, $measure:expr, $sentence:expr $(, $key:ident($($value:expr),*))*;)*) => {
@@ -130,7 +130,7 @@ pub fn evaluated<M: Copy>(rows: &[Row<M>], measure: impl Fn(M) -> Vec<Measured>)
     rows.iter().flat_map(of_row).collect()
 }
 
-/// The levels of the first row of a topic that has any: of a note, and of a warning.
+/// The levels of the first row of a topic that has levels: for a note, and for a warning.
 pub fn levels<M>(rows: &[Row<M>], topic: Topic) -> [f64; 2] {
     let of_row = |row: &Row<M>| match row.grade {
         Grade::Levels(levels) if row.topic == topic => Some(levels),
@@ -139,7 +139,7 @@ pub fn levels<M>(rows: &[Row<M>], topic: Topic) -> [f64; 2] {
     rows.iter().find_map(of_row).unwrap_or([f64::INFINITY; 2])
 }
 
-/// A value with what it says.
+/// A value with its words.
 pub fn value(value: f64, words: impl Into<Vec<String>>) -> Vec<Measured> {
     vec![Measured { value, words: words.into(), ..Measured::default() }]
 }
