@@ -1,6 +1,6 @@
-"""What people look at: pictures, plots, notebooks, report pages, point clouds and meshes.
+"""Output for people: pictures, plots, notebooks, report pages, point clouds and meshes.
 
-Each module says which extra it needs, and asks for it when it is first called.
+Each module names the extra it needs, and asks for it on the first call.
 """
 
 from phasestereo.views import depths, meshing, page, picture, plot, registering, triangulation

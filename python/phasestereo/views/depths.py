@@ -1,8 +1,8 @@
-"""Depths with their error bars: what the matching, and the angle between the cameras, leave open.
+"""Depths with error bars, which cover the matching and the angle between the cameras.
 
-A yaw of the right camera that the calibration does not know moves every disparity by nearly as
-much, `focal * tan(yaw) * (1 + t**2)` pixels at `t = (x - d - cx1) / fx`. No row shows it, so it can
-not be found in a pair: its bound is an argument, or one known distance limits it.
+An unknown yaw of the right camera shifts all disparities by nearly the same amount,
+`focal * tan(yaw) * (1 + t**2)` pixels at `t = (x - d - cx1) / fx`. It moves no row, so a pair
+cannot reveal it: the caller passes a bound, or one known distance limits it.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ by; a rig that was knocked or has warmed up may be off by ten times as much.
 """
 
 _NINETY = 1.645  # standard deviations on either side hold 90 %
-_STEEPEST = 10.0  # degrees; what is off by more is another rig
+_STEEPEST = 10.0  # degrees; a rig that is off by more is another rig
 _BAND = 64  # rows whose depths are computed at a time: float64 copies of a map are large
 
 
@@ -40,13 +40,13 @@ class DepthInterval(NamedTuple):
     Attributes
     ----------
     depth
-        Depth; NaN where there is no estimate, or it is not kept. Where ``far`` is infinite, so that
-        a disparity at infinity is within the error bar, there is no depth to rely on: infinite,
-        unless only finite depths were asked for.
+        Depth; NaN where the estimate is missing or not kept. Where ``far`` is infinite, the error
+        bar includes the disparity at infinity and the depth is not reliable: it is infinite, unless
+        you asked for finite depths only.
     near, far
-        The nearest and the farthest depth of the interval that holds the true one with a
-        probability of 90 %; infinite where the disparity of that end is not positive, NaN where
-        there is no estimate. ``far`` is further from ``depth`` than ``near`` is.
+        The ends of the interval that holds the true depth with a probability of 90 %; infinite
+        where the disparity of that end is not positive, NaN without an estimate. ``far`` is further
+        from ``depth`` than ``near`` is.
 
     Examples
     --------
@@ -60,25 +60,25 @@ class DepthInterval(NamedTuple):
 
     @property
     def at_infinity(self) -> Mask:
-        """Where what is seen may be infinitely far away, as the sky, bool (H, W)."""
+        """Where the scene may be infinitely far away, like the sky, bool (H, W)."""
         return np.isposinf(self.depth)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Selection:
-    """Which pixels become depths and points: the same options in every output.
+    """The choice of pixels for depths and points: the same options in every output.
 
     Parameters
     ----------
     keep
-        As `phasestereo.Result.kept` has it. But for ``"all"`` the error bar of a depth must have a
-        far end, too: what may be infinitely far has no depth to rely on. A map that is not a
-        `Result` says nothing of its pixels, and all of its estimates are kept.
+        As in `phasestereo.Result.kept`. Except for ``"all"``, the error bar of a depth must also
+        have a far end: a depth that may be infinite is not reliable. A map that is not a `Result`
+        has no such labels, and keeps all of its estimates.
     min_depth, max_depth
         The nearest and the farthest depth, in the unit of the baseline; None: any.
     decimate
-        Pixels in a row and in a column that become one: the kept pixel of each block that has the
-        median disparity. 1: all pixels.
+        Side of the blocks, in pixels, that become one pixel each: the kept pixel with the median
+        disparity. 1: all pixels.
 
     Raises
     ------
@@ -92,7 +92,7 @@ class Selection:
     decimate: int = 1
 
     def __post_init__(self) -> None:
-        """Refuse what is out of range."""
+        """Refuse values out of range."""
         accept("keep", self.keep, KEEPS)
         ends = "min_depth", "max_depth"
         low, high = (
@@ -114,19 +114,19 @@ class Selection:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Depths:
-    """The depths of the pixels that are kept.
+    """The depths of the kept pixels.
 
     Parameters
     ----------
     depth
-        float32 (H, W); NaN elsewhere, or it is not kept.
+        float32 (H, W); NaN for all other pixels.
     near, far
-        The ends of the error bars, as `DepthInterval` has them; None: there are no error bars.
+        The ends of the error bars, as in `DepthInterval`; None: no error bars.
     calibration
         The geometry of a map of this size; an anchor has changed its ``doffs``.
     pixels
-        Of each pixel the one of the left image that it is, as an index into the flat map; None: the
-        map has the size of the image.
+        For each pixel, its pixel of the left image, as an index into the flat map; None: the map
+        has the size of the image.
     """
 
     depth: Map
@@ -136,7 +136,7 @@ class Depths:
     pixels: NDArray[np.intp] | None
 
     def picked(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Return the values of a map or an image of the left image's size at these pixels."""
+        """Return the values at these pixels of a map or an image of the left image's size."""
         if self.pixels is None:
             return values
         return values.reshape(-1, *values.shape[2:])[self.pixels]
@@ -144,14 +144,14 @@ class Depths:
 
 @dataclass(frozen=True, slots=True)
 class Ranging:
-    """What turns disparities and their error bars into depths and theirs.
+    """The converter from disparities with error bars to depths with error bars.
 
     Parameters
     ----------
     calibration
         The geometry; an anchor has changed its ``doffs``.
     yaw
-        Degrees that the angle between the cameras may be off by.
+        Possible error of the angle between the cameras, degrees.
     moved
         Pixels by which an anchor has changed ``doffs``; 0 without one.
     share
@@ -165,7 +165,7 @@ class Ranging:
     share: tuple[float, float, float]
 
     def __str__(self) -> str:
-        """Say how exact depths are but for the matching, in degrees and in pixels."""
+        """Describe the accuracy of depths apart from the matching, in degrees and in pixels."""
         if not self.moved:
             return (
                 f"depths: a yaw of up to {self.yaw:g} degrees is allowed for, "
@@ -195,7 +195,7 @@ class Ranging:
         t = (np.asarray(columns) - given - center) / focal
         constant, slope, middle = self.share
 
-        # The yaw is the same for all pixels, so it is added to the bars, not to their squares.
+        # The yaw is the same for all pixels, so it adds to the bars, not to their squares.
         own = np.asarray(uncertainty, dtype=np.float64)
         bar = own + constant + slope * np.abs(t**2 - middle)
         shift = given + self.calibration.doffs
@@ -203,7 +203,7 @@ class Ranging:
         return DepthInterval(depth, self._end(shift + bar), self._end(shift - bar))
 
     def _end(self, shift: NDArray[np.float64]) -> Map:
-        """Return the depth of an end: infinite where nothing is in front of the cameras."""
+        """Return the depth of an end: infinite where it is not in front of the cameras."""
         reach = self.calibration.baseline * self.calibration.focal
         with np.errstate(over="ignore"):  # beyond float32 is infinitely far
             ahead = np.divide(reach, shift, out=np.full_like(shift, np.inf), where=~(shift <= 0))
@@ -224,7 +224,7 @@ def depth_interval(
     decimate: int = 1,
     finite: bool = False,
 ) -> DepthInterval:
-    """Return the depth of every pixel that is kept, and the ends of its error bar.
+    """Return the depth of every kept pixel, and the ends of its error bar.
 
     Parameters
     ----------
@@ -235,37 +235,36 @@ def depth_interval(
     uncertainty
         Error bars of the disparities, (H, W), pixels, 0 or more; None: those of the result.
     yaw
-        Degrees, 0 to 10, that the angle between the cameras may be off by. 0.01 is what a careful
-        calibration of a stiff rig leaves, 0.2 px at a focal length of 1100 px; 0 if that angle is
-        known better than the matching needs it.
+        Possible error of the angle between the cameras, degrees, 0 to 10. A careful calibration of
+        a stiff rig leaves 0.01, which is 0.2 px at a focal length of 1100 px; 0 if you know that
+        angle better than the matching needs it.
     anchor
-        A pixel whose distance is known, ``(x, y, depth)`` in the unit of the baseline, infinite for
-        the sky: ``doffs`` becomes such that this pixel has this depth. A yaw adds to the error
-        bars, then, only as far as it moves other columns by more or less than that one.
+        A pixel of known distance, ``(x, y, depth)`` in the unit of the baseline, infinite for the
+        sky: ``doffs`` changes to give this pixel this depth. A yaw then adds to the error bars
+        only as far as it moves other columns by more or less than that one.
     offset
-        In place of an anchor, what to add to all disparities, and its standard deviation, pixels,
-        as `phasestereo.Rig.offset` has them from its own anchor. A yaw adds to the error bars,
-        then, what it does beside the middle of the image.
+        In place of an anchor, the amount to add to all disparities, and its standard deviation,
+        pixels, as `phasestereo.Rig.offset` has them from its own anchor. A yaw then adds to the
+        error bars only its effect away from the middle of the image.
     keep
         Which estimates of a result to keep: ``"trusted"``, ``"checked"`` (fewer, more accurate) or
-        ``"all"``, as `phasestereo.Result.kept` has them. Of a plain map, which says nothing of its
-        pixels, all are kept.
+        ``"all"``, as in `phasestereo.Result.kept`. A plain map has no such labels, and keeps all.
     min_depth, max_depth
         The nearest and the farthest depth to keep, more than 0, in the unit of the baseline; None:
         any.
     decimate
-        Pixels in a row and in a column that become one, 1 or more: that of each block with the
-        median disparity of those kept. `phasestereo.io.Calibration.decimated` has the geometry.
+        Side of the blocks, in pixels, that become one pixel each, 1 or more: the kept pixel with
+        the median disparity. `phasestereo.io.Calibration.decimated` has the geometry.
     finite
-        Whether only finite depths are kept. By default the depth of what may be infinitely far, as
-        the sky, is infinite: where the error bar of the disparity reaches that of infinity,
-        ``d + doffs - u <= 0``. With `max_depth` nothing is.
+        Whether to keep only finite depths. By default a depth is infinite if it may be, like that
+        of the sky: where the error bar of the disparity reaches that of infinity,
+        ``d + doffs - u <= 0``. With `max_depth`, no depth is infinite.
 
     Returns
     -------
     DepthInterval
-        ``depth``, ``near`` and ``far``, each float32 (H // decimate, W // decimate); NaN where
-        there is no estimate or it is not kept.
+        ``depth``, ``near`` and ``far``, each float32 (H // decimate, W // decimate); NaN where the
+        estimate is missing or not kept.
 
     Raises
     ------
@@ -282,13 +281,13 @@ def depth_interval(
     Notes
     -----
     The ends are ``near = fx B / (d + doffs + u)`` and ``far = fx B / (d + doffs - u)``. ``u`` is
-    the uncertainty of the disparity plus the share of the yaw. The two are added, not their
-    squares: the yaw is one and the same for all pixels of a rig, so that, whatever it is up to
-    ``yaw``, 90 % of the pixels stay within their bars.
+    the uncertainty of the disparity plus the share of the yaw. The two add up, not their squares:
+    all pixels of a rig share one yaw, so for any yaw up to ``yaw``, 90 % of the pixels stay within
+    their bars.
 
-    An anchor takes that share away but for its own error bar, and for what is different in other
+    An anchor removes that share except for its own error bar and for the difference in other
     columns: ``fx * tan(a) * abs(t**2 - t_anchor**2)`` pixels, where `a` is `yaw` or, if it is
-    larger, the yaw that would explain what the anchor has changed.
+    larger, the yaw that would explain the change by the anchor.
     """
     values = as_disparities(disparity)
     bars = as_uncertainty(disparity, uncertainty, values.shape)
@@ -318,23 +317,23 @@ def depths_of(
     mask: ArrayLike | None = None,
     finite: bool = True,
 ) -> Depths:
-    """Return the depths of the pixels that are kept, and the ends of their error bars.
+    """Return the depths of the kept pixels, and the ends of their error bars.
 
     Parameters
     ----------
     disparity
         A `Result`, or disparities (H, W), pixels.
     geometry
-        What makes depths of them.
+        The converter to depths.
     selection
-        Which are kept.
+        Which to keep.
     uncertainty
-        Error bars (H, W), pixels; None: those of the result, if it has some.
+        Error bars (H, W), pixels; None: those of the result, if it has any.
     mask
         bool (H, W), True = wanted; None: all are.
     finite
-        Whether only finite depths are kept; otherwise what may be infinitely far has an infinite
-        depth, unless the selection has a largest one.
+        Whether to keep only finite depths; otherwise a depth that may be infinite is infinite,
+        unless the selection has a largest one.
 
     Raises
     ------
@@ -385,10 +384,10 @@ def _depths(geometry: Ranging, values: NDArray[Any], bars: NDArray[Any] | None) 
 
 
 def _medians(values: NDArray[Any], kept: Mask, n: int) -> NDArray[np.intp]:
-    """Return for each block of n x n pixels the pixel with the median of the kept disparities.
+    """Return the pixel with the median kept disparity for each block of n x n pixels.
 
-    Of an even number it is the lower one of both in the middle: a disparity that was measured, not
-    one between two surfaces.
+    For an even number it is the lower of the two in the middle: a measured disparity, not one
+    between two surfaces.
     """
     rows, cols = values.shape[0] // n, values.shape[1] // n
     whole = np.where(kept, values, np.inf)[: rows * n, : cols * n]
@@ -422,7 +421,7 @@ def ranging(
     if not (math.isfinite(found) and math.isfinite(own)):
         raise ValueError(f"anchor: got pixel ({x}, {y}), which has no estimate; accepts one of all")
 
-    # What would put the pixel at its depth; a yaw that explains it moves the other columns, too.
+    # This puts the pixel at its depth; a yaw that explains it also moves the other columns.
     moved = calibration.baseline * calibration.focal / depth - found - calibration.doffs
     (focal, _, center), _, _ = calibration.cam1
     middle = ((x - found - center) / focal) ** 2
@@ -442,7 +441,7 @@ def _moved(found: Ranging, offset: tuple[float, float]) -> Ranging:
 
 
 def as_disparities(disparity: Result | ArrayLike) -> NDArray[Any]:
-    """Return the disparities of a result, or of what is a map itself."""
+    """Return the disparities of a result, or the map itself."""
     given = disparity.disparity if isinstance(disparity, Result) else disparity
     values = as_numbers(given, "disparity")
     check_pixels(values)
@@ -452,7 +451,7 @@ def as_disparities(disparity: Result | ArrayLike) -> NDArray[Any]:
 def as_uncertainty(
     disparity: Result | ArrayLike, uncertainty: ArrayLike | None, size: tuple[int, ...]
 ) -> NDArray[Any] | None:
-    """Return the error bars that were given, or else those of the result; None: there are none."""
+    """Return the given error bars, or else those of the result; None: no error bars."""
     if uncertainty is None:
         return disparity.uncertainty if isinstance(disparity, Result) else None
 
@@ -470,6 +469,6 @@ def check_anchor(anchor: Anchor, size: tuple[int, ...]) -> Anchor:
     x, y, depth = anchor
     column = as_integer("anchor", x, least=0, most=size[1] - 1)
     row = as_integer("anchor", y, least=0, most=size[0] - 1)
-    # What is infinitely far away, such as the sky, is the best anchor of all.
+    # A pixel at infinity, such as the sky, is the best anchor of all.
     distance = math.inf if depth == math.inf else as_number("anchor", depth, positive=True)
     return column, row, distance

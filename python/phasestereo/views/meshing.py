@@ -1,4 +1,4 @@
-"""Disparities and a calibration in, a surface out: triangles with the left image on them."""
+"""Surfaces from disparities and a calibration: triangles that carry the left image."""
 
 from __future__ import annotations
 
@@ -35,18 +35,18 @@ def surface_mesh(
     disparity, calibration, mask, keep, min_depth, max_depth, decimate
         As `phasestereo.point_cloud` takes them.
     image
-        What is on the surface, as `point_cloud` takes it; None: the left image of the result's
+        The image on the surface, as `point_cloud` takes it; None: the left image of the result's
         pair, if it is known.
     max_step
-        By how many pixels the disparities of four neighbors may differ that are joined, more than
+        Largest difference, in pixels, between the disparities of four joined neighbors, more than
         0: where they differ by more, one surface ends and another begins.
     anchor
-        A pixel whose distance is known, as `depth_interval` takes it.
+        A pixel of known distance, as `depth_interval` takes it.
 
     Returns
     -------
     Mesh
-        Two triangles for each four neighboring pixels that have a depth and are of one surface.
+        Two triangles for each four neighboring pixels with a depth on one surface.
 
     Raises
     ------
@@ -78,7 +78,7 @@ def surface_mesh(
 def _faces(values: NDArray[Any], wanted: NDArray[np.bool_], step: float) -> NDArray[np.int64]:
     """Return the triangles between the wanted pixels, numbered row by row."""
     number = np.cumsum(wanted).reshape(wanted.shape) - 1
-    # Each four neighbors: top left, top right, bottom left, bottom right.
+    # The four neighbors: top left, top right, bottom left, bottom right.
     corners = [
         (slice(None, -1), slice(None, -1)),
         (slice(None, -1), slice(1, None)),

@@ -1,8 +1,8 @@
-"""Results as notebooks show them: a block of HTML, which needs nothing beside it.
+"""Results in notebooks: a self-contained block of HTML.
 
-Here belongs what it says, and how it stays small and readable anywhere: all text takes the colors
-of the page, light or dark, all style is inline, since notebooks that are not trusted have no other,
-and the map is shrunk first. `phasestereo.views.plot` and the report page show the rest.
+This module writes its text and keeps it small and readable anywhere: all text takes the colors of
+the page, light or dark; all style is inline, because untrusted notebooks allow no other; and it
+shrinks the map first. `phasestereo.views.plot` and the report page show the rest.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from phasestereo.views.picture import colorize, limits
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 
-_MAP = 440, 330  # pixels, width and height: without any compression still below 0.6 MB of text
-_LEAST = 144  # pixels that a small picture is enlarged to
-_SAMPLES = 2**20  # disparities that show how all are distributed
+_MAP = 440, 330  # pixels, width and height: even without compression below 0.6 MB of text
+_LEAST = 144  # pixels: smaller pictures are enlarged to this
+_SAMPLES = 2**20  # disparities that represent the distribution of all
 
 _FIGURE = "display:inline-block;vertical-align:top;margin:6px 14px 6px 0;max-width:100%;"
 _IMAGE = "display:block;margin:0;max-width:100%;height:auto;image-rendering:pixelated;"
@@ -43,8 +43,8 @@ def html(result: Result) -> str:
     Returns
     -------
     str
-        Less than 1 MB, whatever the size of the images: the map in color, and what there is to say
-        in words. Without matplotlib it is the words, and how to install it.
+        Less than 1 MB for any size of images: the map in color, and a description in words.
+        Without matplotlib, the words, and how to install it.
     """
     try:
         picture = _map(result)
@@ -79,7 +79,7 @@ def _words(result: Result) -> Iterable[str]:
 
 
 def _map(result: Result) -> str:
-    """Return the map as a figure, its caption being the scale of its colors."""
+    """Return the map as a figure; its caption is the scale of its colors."""
     known = result.disparity[np.isfinite(result.disparity)]
     low, high = limits(known[:: max(1, known.size // _SAMPLES)])
 
@@ -87,7 +87,7 @@ def _map(result: Result) -> str:
     shown, trusted = (_shrunk(values, _MAP) for values in (result.disparity, result.trusted))
     picture = colorize(shown, low=low, high=high, trusted=trusted)
 
-    # A picture that is small is enlarged by a whole factor.
+    # Enlarge a small picture by a whole factor.
     factor = max(1, _LEAST // max(picture.shape[:2]))
     height, width = (factor * side for side in picture.shape[:2])
     encoded = io.BytesIO()
@@ -105,7 +105,7 @@ def _map(result: Result) -> str:
 
 
 def _shrunk(values: NDArray[Scalar], box: tuple[int, int]) -> NDArray[Scalar]:
-    """Return every n-th pixel, so that all fit into a box: values are not mixed, nor NaN lost."""
+    """Return every n-th pixel, to fit into a box: this mixes no values and loses no NaN."""
     rows, cols = values.shape
     factor = max(1.0, cols / box[0], rows / box[1])
 

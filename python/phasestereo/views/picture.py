@@ -1,8 +1,7 @@
 """Pictures to look at: disparities and errors in color, and several of them side by side.
 
-Here is what turns arrays into RGB images; nothing is read, written or shown. matplotlib (the extra
-``plot``) supplies the colors, the axes and the text, through figures of its own that no global
-state has.
+This module turns arrays into RGB images; it reads, writes and shows nothing. matplotlib (the extra
+``plot``) supplies the colors, the axes and the text, through figures outside its global state.
 """
 
 from __future__ import annotations
@@ -57,11 +56,11 @@ GOOD = 1.0
 
 _ROBUST = (1.0, 99.0)  # percentiles: a few outliers must not take the colors from the rest
 _BINS = 96
-_BAND = 64  # rows that are colored at a time
+_BAND = 64  # rows to color at a time
 _HATCHING = 6  # columns from a line of hatched pixels to the next one
-_PAPER = "#f4f4f4"  # not white, from which a picture of no errors would not stand out
+_PAPER = "#f4f4f4"  # not white: a picture without errors would not stand out from it
 _DPI = 100
-_OVER = 0.1  # pixels: sizes that floats round down would lose a row or column
+_OVER = 0.1  # pixels: a size that floats round down would lose a row or column
 
 
 def colorize(
@@ -81,8 +80,8 @@ def colorize(
         Disparities at the ends of the colors; beyond them the colors stay. None: the 1st and the
         99th percentile of the estimates.
     trusted
-        bool (H, W), such as `phasestereo.Result.trusted`: what is not is hatched in gray. None: all
-        are.
+        bool (H, W), such as `phasestereo.Result.trusted`: other pixels are hatched in gray. None:
+        all are trusted.
 
     Returns
     -------
@@ -111,11 +110,11 @@ def _paint(picture: Picture, values: NDArray[Any], sure: Mask | None, ends: Ends
     Parameters
     ----------
     picture
-        uint8 (H, W, 3), which is written to.
+        uint8 (H, W, 3), the output.
     values
         Floats (H, W), pixels.
     sure
-        bool (H, W); what is not is hatched. None: all are.
+        bool (H, W); other pixels are hatched. None: all are sure.
     ends
         Disparities at the ends of the colors.
     """
@@ -130,7 +129,7 @@ def _paint(picture: Picture, values: NDArray[Any], sure: Mask | None, ends: Ends
 
 
 def hatched(picture: Picture, pixels: Mask, *, top: int = 0) -> Picture:
-    """Return a picture whose color is half gray at some pixels, and all gray on lines of them.
+    """Return a picture with some pixels mixed half with gray, and lines of them all gray.
 
     Parameters
     ----------
@@ -139,7 +138,7 @@ def hatched(picture: Picture, pixels: Mask, *, top: int = 0) -> Picture:
     pixels
         Which, bool (H, W); the others stay as they are.
     top
-        The row of the whole picture that is the first one of this.
+        The row of the whole picture at which this one starts.
     """
     y, x = np.ogrid[top : top + pixels.shape[0], : pixels.shape[1]]
     lines = (x + y) % _HATCHING < _HATCHING // 2
@@ -181,9 +180,9 @@ def disparity_picture(
     sure = as_mask(trusted, values.shape, "trusted")
     low, high = limits(values[np.isfinite(values)], low, high)
 
-    # Sizes in pixels; matplotlib places things by shares of a figure, from the bottom left.
+    # Sizes in pixels; matplotlib places things by fractions of a figure, from the bottom left.
     rows, cols = values.shape
-    text = max(6, cols // 28)  # the height of a line of which 50 letters span the picture
+    text = max(6, cols // 28)  # the line height at which 50 letters span the picture
     margin, beside = 2 * text, 7 * text
     width, height = margin + cols, rows + 2 * margin
 
@@ -192,7 +191,7 @@ def disparity_picture(
     top = _drawn(heading)
     scale = _scale(beside, height, text, (low, high))
 
-    # The figures are strips: one of the whole picture would take 4 bytes a pixel more than once.
+    # The figures are strips: one for the whole picture would take 4 bytes a pixel more than once.
     picture = np.empty((height, width + beside, 3), np.uint8)
     picture[:, :width] = top[0, 0]
     picture[:margin, :width] = top
@@ -229,7 +228,7 @@ def error_picture(
     mask
         Pixels that count, bool (H, W); None: all whose truth is known.
     worst
-        Error in pixels from which on the color is the darkest, more than 1.
+        Error in pixels at and above which the color is the darkest, more than 1.
 
     Returns
     -------
@@ -265,8 +264,7 @@ def error_map(
     Returns
     -------
     ndarray
-        The absolute error, ``worst`` where the estimate is missing, NaN where the pixel does not
-        count.
+        The absolute error, ``worst`` for a missing estimate, NaN for a pixel that does not count.
 
     Raises
     ------
@@ -297,9 +295,9 @@ def viewable(*images: ArrayLike) -> list[Picture]:
     Returns
     -------
     list of ndarray
-        uint8 (H, W, 3), RGB. Images of 8 bits are as they were; of others black is the 0.1th and
-        white the 99.9th percentile of all images of that dtype together, so that one that is darker
-        looks so, and black is what is not finite.
+        uint8 (H, W, 3), RGB. Images of 8 bits stay the same; in others black is the 0.1th and
+        white the 99.9th percentile of all images of that dtype together, so a darker image looks
+        darker; pixels that are not finite are black.
 
     Raises
     ------
@@ -321,8 +319,8 @@ def distribution(values: NDArray[np.floating]) -> tuple[NDArray[np.intp], Map]:
     Returns
     -------
     counts, edges
-        Counts of n bins, and their n + 1 edges. Values that are whole are at the bins' centers: if
-        there are few enough, each has its own.
+        Counts of n bins, and their n + 1 edges. Whole values are at the bins' centers: if they are
+        few enough, each has its own.
     """
     low, high = float(values.min()), float(values.max())
 
@@ -369,7 +367,7 @@ def limits(
 
 
 def longest(uncertainty: NDArray[np.floating]) -> float:
-    """Return the error bar, pixels, at the end of the colors, of which 0 is the other end."""
+    """Return the error bar, pixels, at the end of the colors; they start at 0."""
     return limits(uncertainty[np.isfinite(uncertainty)])[1] or 1.0
 
 
@@ -392,5 +390,5 @@ def _points(pixels: int) -> float:
 
 
 def as_map(name: str, values: ArrayLike, *shape: tuple[int, ...]) -> Map:
-    """Return floats (H, W) of any precision as float64; else the error names the argument."""
+    """Return floats (H, W) of any precision as float64; an error names the argument."""
     return as_numbers(values, name, "f", *shape).astype(np.float64)

@@ -1,9 +1,8 @@
-"""Maps on matplotlib's axes: what a match found, to be placed among the figures of one's own.
+"""Maps of a match on matplotlib's axes, to place in your own figures.
 
-Every function takes what it draws first, and the axes second: without any, the current ones of
-pyplot. It draws in the coordinates of pixels, leaves titles to the caller, and returns the image it
-added, or the axes. matplotlib comes with the extra ``plot``; the colors are those of
-`phasestereo.views.picture`.
+Every function takes its data first and the axes second: without axes, the current ones of pyplot.
+It draws in pixel coordinates, leaves titles to the caller, and returns the image it added, or the
+axes. matplotlib comes with the extra ``plot``; the colors are those of `phasestereo.views.picture`.
 """
 
 from __future__ import annotations
@@ -59,7 +58,7 @@ _UNFLAGGED = "#ffffff"
 _SHADES = 1024
 _GRAY = np.array([0.299, 0.587, 0.114])
 _BAR = 1.03, 0.0, 0.04, 1.0  # x, y, width and height, in those of the axes
-_LEGEND: dict[str, Any] = {  # below, and not on the numbers along the axis
+_LEGEND: dict[str, Any] = {  # below the numbers along the axis, not on them
     "loc": "upper left",
     "bbox_to_anchor": (0, 0),
     "borderaxespad": 2.2,
@@ -87,13 +86,13 @@ def disparity(
     result
         The result, or disparities: float (H, W), pixels; NaN or infinite = no estimate.
     ax
-        Where to; None: the current axes of pyplot.
+        The axes to draw on; None: the current axes of pyplot.
     low, high
         Disparities at the ends of the colors. None: the 1st and the 99th percentile.
     colorbar
         Whether to draw a scale in pixels beside it.
     cmap
-        Name of a map of colors of matplotlib.
+        Name of a color map of matplotlib.
 
     Returns
     -------
@@ -187,8 +186,8 @@ def uncertainty(result: Disparities, ax: Axes | None = None, *, colorbar: bool =
 def flags(result: Result | ArrayLike, ax: Axes | None = None, *, legend: bool = True) -> AxesImage:
     """Draw why pixels have no estimate, or an untrusted one.
 
-    A pixel may have several flags: drawn is the one of the smallest value, and ``FILLED``, which
-    comes with a reason, only where there is no other.
+    If a pixel has several flags, the map shows the one with the smallest value. ``FILLED`` comes
+    with a reason, so the map shows it only where it is alone.
 
     Parameters
     ----------
@@ -197,20 +196,20 @@ def flags(result: Result | ArrayLike, ax: Axes | None = None, *, legend: bool = 
     ax
         As for `disparity`.
     legend
-        Whether to name the colors beside it, with the share of the pixels that each has.
+        Whether to name the colors beside it, each with its share of the pixels.
 
     Returns
     -------
     AxesImage
-        The map; its data are 0 where no flag is set, else the number of the flag that is drawn, of
-        which `Flag.MASKED` is 1, `Flag.NO_CANDIDATE` 2 and so on.
+        The map; its data are 0 where no flag is set, else the number of the flag on display:
+        `Flag.MASKED` is 1, `Flag.NO_CANDIDATE` 2 and so on.
 
     Raises
     ------
     TypeError
         If the flags are not integers.
     ValueError
-        If the shape is not (H, W), or there are other flags than those of `phasestereo.Flag`.
+        If the shape is not (H, W), or a flag is not in `phasestereo.Flag`.
     ImportError
         If matplotlib is not installed.
     """
@@ -229,15 +228,15 @@ def error(
     worst: float = 4.0,
     colorbar: bool = True,
 ) -> AxesImage:
-    """Draw how far a disparity map is from the truth: white is right, yellow to dark red is wrong.
+    """Draw the errors of a disparity map: white is right, yellow to dark red is wrong.
 
     Errors up to 1 pixel, which are not bad, are white. Gray pixels do not count.
 
     Parameters
     ----------
     estimate
-        The result, or disparities: float (H, W), pixels; NaN or infinite = missing, which is as bad
-        as the worst.
+        The result, or disparities: float (H, W), pixels; NaN or infinite = missing, which counts
+        as the worst error.
     truth
         Float (H, W), pixels; NaN or infinite = unknown.
     ax, colorbar
@@ -245,7 +244,7 @@ def error(
     mask
         Pixels that count, bool (H, W); None: all whose truth is known.
     worst
-        Error in pixels from which on the color is the darkest, more than 1.
+        Error in pixels at and above which the color is the darkest, more than 1.
 
     Returns
     -------
@@ -276,7 +275,7 @@ def histogram(
     high: float | None = None,
     cmap: str = DISPARITY_COLORS,
 ) -> Axes:
-    """Draw how often which disparity occurs, each in its color of the map.
+    """Draw a histogram of the disparities, each in its color of the map.
 
     Parameters
     ----------
@@ -323,14 +322,13 @@ def pair(
     Parameters
     ----------
     images
-        The left and the right image as `phasestereo.match` takes them, or a result that knows them.
+        The left and the right image as `phasestereo.match` takes them, or a result with its images.
     ax
         As for `disparity`.
     style
-        "anaglyph": the left image red, the right one cyan, one upon the other, as red-cyan glasses
-        want them; things are shifted by their disparity, and by nothing else if the pair is
-        rectified. "side by side": left and right, with lines along rows, on which corresponding
-        points lie.
+        "anaglyph": the left image red over the right one in cyan, for red-cyan glasses; objects
+        shift by their disparity, and in a rectified pair by nothing else. "side by side": left and
+        right, with lines along rows; corresponding points lie on one line.
 
     Returns
     -------
@@ -364,22 +362,22 @@ def pair(
 def blur(
     estimate: Result | BlurEstimate, ax: Axes | None = None, *, legend: bool = True
 ) -> AxesImage:
-    """Draw which part of the left image is blurred how, against the right one.
+    """Draw the blur of each part of the left image, relative to the right one.
 
     Parameters
     ----------
     estimate
-        What `phasestereo.estimate_blur` returned, or a result with `Result.blur`.
+        The estimate from `phasestereo.estimate_blur`, or a result with `Result.blur`.
     ax
         As for `disparity`.
     legend
-        Whether to name the blurs beside it, with the share of the image that each has.
+        Whether to name the blurs beside it, each with its share of the image.
 
     Returns
     -------
     AxesImage
-        The map; its data are the indices into `BlurEstimate.blurs`. Of a result it has the image's
-        pixels; of an estimate, which does not know them, its tiles, placed on them.
+        The map; its data are the indices into `BlurEstimate.blurs`. For a result it has the
+        image's pixels; for an estimate, which does not know them, its tiles, placed on them.
 
     Raises
     ------
@@ -398,7 +396,7 @@ def blur(
         )
     check_type("estimate", found, BlurEstimate, "a Result or BlurEstimate")
 
-    # An estimate does not know its image: each tile is drawn as a pixel, and stretched.
+    # An estimate does not know its image: draw each tile as a pixel, and stretch it.
     labels = found.labels
     rows, cols = (length * found.tile for length in labels.shape)
     if isinstance(estimate, Result):
@@ -412,20 +410,20 @@ def blur(
 
 
 def overview(result: Result, figure: Figure | None = None) -> Figure:
-    """Draw all that a result holds: disparities, histogram, flags, confidences and so on.
+    """Draw all contents of a result: disparities, histogram, flags, confidences and so on.
 
     Parameters
     ----------
     result
         The result.
     figure
-        Where to; None: a new figure of pyplot.
+        The figure to draw in; None: a new figure of pyplot.
 
     Returns
     -------
     Figure
-        The figure, with titled axes. A new one in a notebook is the value of its cell alone, no
-        longer pyplot's, or the notebook would show it twice.
+        The figure, with titled axes. In a notebook, pyplot drops a new figure, and only the cell
+        shows it; otherwise the notebook would show it twice.
 
     Raises
     ------
@@ -458,7 +456,7 @@ def overview(result: Result, figure: Figure | None = None) -> Figure:
         axes.set_title(title)
         draw(result, axes)
 
-    # In a notebook open figures are shown when a cell ends, beside its value.
+    # A notebook shows open figures when a cell ends, beside its value.
     if is_new and "inline" in require("matplotlib", extra="plot").get_backend().lower():
         require("matplotlib.pyplot", extra="plot").close(figure)
     return figure
@@ -472,7 +470,7 @@ def _axes(ax: Axes | None) -> Axes:
 
 
 def _draw(ax: Axes | None, values: NDArray[Any], ends: tuple[float, float], cmap: Any) -> AxesImage:
-    """Draw a map pixel by pixel: values in between would be those of nothing."""
+    """Draw a map pixel by pixel: values in between would mean nothing."""
     low, high = ends
     masked = np.ma.masked_invalid(values)
     return _axes(ax).imshow(masked, cmap=cmap, vmin=low, vmax=high, interpolation="nearest")
@@ -486,7 +484,7 @@ def _draw_categories(
     *,
     legend: bool,
 ) -> AxesImage:
-    """Draw a map of what is one of several things; those that occur are named."""
+    """Draw a map of categories, and name those that occur."""
     cmap = require("matplotlib.colors", extra="plot").ListedColormap(colors)
     image = _draw(ax, categories, (-0.5, len(colors) - 0.5), cmap)
 
@@ -505,12 +503,12 @@ def _draw_categories(
 
 def _bar(image: AxesImage, label: str, *, extend: str = "neither") -> None:
     figure: Any = image.axes.figure
-    beside = image.axes.inset_axes(_BAR)  # as high as the map, whatever its shape
+    beside = image.axes.inset_axes(_BAR)  # as high as the map, for any shape
     figure.colorbar(image, cax=beside, label=label, extend=extend)
 
 
 def _extent(known: NDArray[np.float64], ends: tuple[float, float]) -> str:
-    """Return at which ends of the colors there is more, as matplotlib calls them."""
+    """Return the ends of the colors that values exceed, by matplotlib's names."""
     beyond = bool((known < ends[0]).any()), bool((known > ends[1]).any())
     names = {(True, True): "both", (True, False): "min", (False, True): "max"}
     return names.get(beyond, "neither")
@@ -522,7 +520,7 @@ def _colors(name: str, *, bad: tuple[int, int, int]) -> Any:
 
 
 def _error_colors(worst: float) -> Any:
-    """Return the colors from 0 to the worst error, white as far as nothing is bad."""
+    """Return the colors from 0 to the worst error, white for errors that are not bad."""
     shades = _colors(ERROR_COLORS, bad=UNSCORED)(np.linspace(0, 1, _SHADES))
     shades[: int(_SHADES * GOOD / worst) + 1] = 1
     listed = require("matplotlib.colors", extra="plot").ListedColormap(shades)
@@ -555,14 +553,14 @@ def _optional(given: Disparities, name: str) -> NDArray[np.float64]:
 
 
 def _categories(given: ArrayLike) -> NDArray[np.intp]:
-    """Return the number of the flag to draw for each pixel, 0 of none."""
+    """Return the number of the flag to draw for each pixel, 0 without a flag."""
     bits = as_numbers(given, "flags", "iu")
     if unknown := int(np.bitwise_or.reduce(bits, axis=None)) & ~sum(Flag):
         raise ValueError(f"flags: got bits {unknown:#x}; accepts those of Flag")
 
     numbers = {flag: number for number, flag in enumerate(Flag, 1)}
     categories = np.zeros(bits.shape, np.intp)
-    # In falling order, so that the smallest flag of a pixel is written last; FILLED comes first.
+    # In falling order, to write the smallest flag of a pixel last; FILLED comes first.
     for flag in sorted(Flag, key=lambda flag: (flag is Flag.FILLED, flag), reverse=True):
         categories[bits & flag != 0] = numbers[flag]
     return categories

@@ -1,4 +1,4 @@
-"""Depths in the frame of a third camera, as of a color camera beside the pair."""
+"""Depths in the frame of a third camera, such as a color camera beside the pair."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from phasestereo.rectification.record import Rectification, read_calibration
 from phasestereo.result import Keep, Result
 from phasestereo.views.depths import YAW, Anchor, Selection, depths_of, ranging
 
-_GRID = 24  # rows and columns of pixels by which a rotation is found
-_OFF = 2.0  # pixels: more than a calibration of the same left camera is off by
+_GRID = 24  # rows and columns of pixels that determine a rotation
+_OFF = 2.0  # pixels: more than the error of a calibration of the same left camera
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -33,12 +33,12 @@ class ThirdCamera:
     matrix
         Intrinsics (3, 3), pixels.
     rotation, translation
-        (3, 3) and (3,): ``rotation @ X + translation`` leads from the rectified left camera to this
-        one.
+        (3, 3) and (3,): ``rotation @ X + translation`` maps points from the rectified left camera
+        to this one.
     width, height
         Size of its images, pixels.
     distortion
-        4, 5, 8, 12 or 14 numbers, as ``cv2.projectPoints`` takes them; of a fisheye camera 4.
+        4, 5, 8, 12 or 14 numbers, as ``cv2.projectPoints`` takes them; for a fisheye camera 4.
     fisheye
         Whether the distortion is that of ``cv2.fisheye``.
     unit
@@ -101,21 +101,20 @@ class ThirdCamera:
             As `phasestereo.rectify` takes it: a file of ``K1, D1, K2, D2, R, T``, a camchain of
             Kalibr's, matrices by name ...
         rectification
-            How the left image was rectified, which turned its camera. None: it was not.
+            The rectification of the left image, which turned its camera. None: not rectified.
         size
             Columns and rows of the third camera's images. None: those of the calibration.
 
         Raises
         ------
         TypeError, ValueError, OSError, ImportError
-            As `phasestereo.rectify` for the calibration; ValueError also if it says nothing of the
-            size or the pose, or another left camera than the rectified one.
+            As `phasestereo.rectify` for the calibration; ValueError also if it does not give the
+            size or the pose, or its left camera is not the rectified one.
 
         Notes
         -----
-        The rotation of the rectified left camera follows from the maps of the rectification: the
-        one that leads from the rays of its pixels to those of the pixels that they are read from
-        (Kabsch, 1976).
+        The rotation of the rectified left camera follows from the maps of the rectification: it
+        turns the rays of its pixels into the rays of their source pixels (Kabsch, 1976).
         """
         cameras = read_calibration(calibration)
         if isinstance(cameras, Rectification) or not {*INTRINSICS, *POSE} <= {*cameras.matrices}:
@@ -151,15 +150,15 @@ class Registered:
     depth
         float32, in the unit of the baseline, along its own axis; NaN elsewhere.
     near, far
-        The depths at the ends of the error bars, as `DepthInterval` has them; None: there are none.
+        The depths at the ends of the error bars, as in `DepthInterval`; None: no error bars.
     confidence
         float32, that of the disparity; NaN without a depth. None: not estimated.
     holes
-        bool: no depth, though the left camera sees what is there: its estimate is missing, or not
-        kept. About where the background beside would be.
+        bool: no depth although the left camera sees this place: its estimate is missing, or not
+        kept. The position assumes the depth of the background beside it.
     occluded
-        bool: no depth, for something hides from the left camera what is there. What is neither, and
-        has no depth, is outside the left image.
+        bool: no depth because something hides this place from the left camera. All other pixels
+        without a depth are outside the left image.
     source
         int64: the pixel of the left image, as an index into the flat map; -1 elsewhere.
 
@@ -186,7 +185,7 @@ class Registered:
 
     @property
     def maps(self) -> dict[str, NDArray[Any]]:
-        """The maps that there are but `source`, by their names."""
+        """All available maps except `source`, by name."""
         names = "depth", "near", "far", "confidence", "holes", "occluded"
         found = {name: getattr(self, name) for name in names}
         return {name: values for name, values in found.items() if values is not None}
@@ -232,8 +231,8 @@ def register(
 
     Notes
     -----
-    A pixel of the left image covers the pixels of the third camera up to half the way to its
-    neighbors on the same surface, at most 64 either way; of several the nearest wins.
+    A pixel of the left image covers the pixels of the third camera up to halfway to its neighbors
+    on the same surface, at most 64 either way; where several overlap, the nearest wins.
 
     Examples
     --------
@@ -268,7 +267,7 @@ def register(
 
 
 def _turned(rectification: Rectification, cameras: Cameras) -> Matrix:
-    """Return the rotation from the left camera as it is to the rectified one."""
+    """Return the rotation from the original left camera to the rectified one."""
     q, (x, y) = rectification.Q, rectification.maps[0]
     if q is None:
         raise ValueError("rectification: knows no Q; accepts one by a calibration")
@@ -278,7 +277,7 @@ def _turned(rectification: Rectification, cameras: Cameras) -> Matrix:
     read = np.column_stack([x[grid].ravel(), y[grid].ravel()])[inside].astype(np.float64)
     row, col = (part.ravel()[inside] for part in np.meshgrid(rows, cols, indexing="ij"))
 
-    scale = q[1, 1]  # of the second row of Q, which may be that of another focal length
+    scale = q[1, 1]  # of the second row of Q, which may be for another focal length
     focal = q[2, 3]
     wanted = np.column_stack(
         [(col + q[0, 3]) / focal, (row * scale + q[1, 3]) / focal, np.ones(len(col))]

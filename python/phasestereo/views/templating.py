@@ -1,7 +1,7 @@
-"""Self-contained HTML pages: one file each, which needs nothing beside it and no network.
+"""Self-contained HTML pages: one file each, without other files or a network.
 
 A page is a Jinja2 template (the extra ``report``) on top of ``base.html.j2``, which holds the
-style; what it says is the business of whoever renders it.
+style; the caller supplies the content.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from phasestereo.io.files import StrPath, suffix
 
 
 def check_page_path(path: StrPath) -> None:
-    """Raise a ValueError for a file that is not named as a page."""
+    """Raise a ValueError for a file without the suffix of a page."""
     if suffix(path) not in (".html", ".htm"):
         raise ValueError(f"path must end in .html or .htm, got {suffix(path)!r}")
 
@@ -30,12 +30,11 @@ def render_page(template: str, *, package: str | Path = "phasestereo.views", **c
     template
         Name of its file in the folder ``templates`` of the package.
     package
-        The package it belongs to, or the folder it lies in itself. Templates of this package are
-        there for those of any other.
+        Its package, or its folder. Templates of any package can use those of this one.
     **context
-        What the template refers to, all of which must be given. Text is escaped; the filter
-        ``embedded`` turns the path of an image into the image itself, as `data_uri` does; the
-        function ``source`` returns a file of our folder ``templates`` as it is, such as a script.
+        All names that the template refers to. Text is escaped; the filter ``embedded`` turns the
+        path of an image into the image itself, as `data_uri` does; the function ``source`` returns
+        a file of our folder ``templates`` unchanged, such as a script.
 
     Returns
     -------
@@ -65,13 +64,13 @@ def render_page(template: str, *, package: str | Path = "phasestereo.views", **c
 
 
 def _source(name: str) -> Any:
-    """Return a file of the templates' folder as it is, marked as markup."""
+    """Return a file of the templates' folder unchanged, marked as markup."""
     text = (resources.files("phasestereo.views") / "templates" / name).read_text("utf-8")
     return require("markupsafe", extra="report").Markup(text)
 
 
 def data_uri(path: str | Path) -> str:
-    """Return a file as a URI that holds all of it; its suffix gives its media type.
+    """Return a whole file as a data URI; its suffix gives its media type.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Disparities and a calibration in, points in space out, with the ends of their error bars."""
+"""Points in space from disparities and a calibration, with the ends of their error bars."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from phasestereo.views.depths import (
     ranging,
 )
 
-_BAND = 64  # rows whose points are computed at a time
+_BAND = 64  # rows to compute at a time
 
 
 def point_cloud(
@@ -47,24 +47,24 @@ def point_cloud(
     calibration
         The geometry of the pair, of the map's size.
     image
-        What the colors are taken from: (H, W) gray, (H, W, 3) RGB or (H, W, 4) RGBA, as `match`
-        takes it. uint8 stays as it is; uint16 is shifted down from as many bits as the image uses;
-        floats are stretched to what they span, but for 0.1 % of the pixels at either end. None:
-        the left image of the result's pair; there are no colors where that is not known.
+        The image with the colors: (H, W) gray, (H, W, 3) RGB or (H, W, 4) RGBA, as `match` takes
+        it. uint8 stays as it is; uint16 is shifted down from the number of bits the image uses;
+        floats are stretched from their range without 0.1 % of the pixels at either end. None: the
+        left image of the result's pair; if that is not known, the points have no colors.
     mask
         bool (H, W), True = wanted; None: all are.
     keep, min_depth, max_depth, decimate
-        Which pixels become points, as `depth_interval` takes them: the trusted ones of a result
-        unless something else is asked for.
+        Which pixels become points, as `depth_interval` takes them: by default, the trusted ones of
+        a result.
     yaw, anchor
-        How exact the geometry is, as `depth_interval` takes them.
+        The accuracy of the geometry, as `depth_interval` takes them.
 
     Returns
     -------
     PointCloud
-        One point for each pixel that is wanted and has a depth, row by row from the top left; with
-        the ends of its error bar if the result has error bars.
-        Pixels without an estimate, and those with d + doffs <= 0, have none.
+        One point for each wanted pixel with a depth, row by row from the top left; with the ends of
+        its error bar if the result has error bars.
+        Pixels without an estimate, and those with d + doffs <= 0, become no point.
 
     Raises
     ------
@@ -77,8 +77,8 @@ def point_cloud(
     Notes
     -----
     The left pixel (x, y) becomes Z = baseline * fx / (d + doffs), X = (x - cx) * Z / fx and
-    Y = (y - cy) * Z / fy: to the precision of float32 what ``cv2.reprojectImageTo3D`` makes of it
-    with `Calibration.q`.
+    Y = (y - cy) * Z / fy: to the precision of float32 the same as ``cv2.reprojectImageTo3D`` with
+    `Calibration.q`.
 
     Examples
     --------
@@ -118,7 +118,7 @@ def triangulate(
     yaw: float,
     anchor: Anchor | None,
 ) -> Triangulation:
-    """Return the points of all pixels that are wanted and have a depth; see `point_cloud`."""
+    """Return the points of all wanted pixels with a depth; see `point_cloud`."""
     values = as_disparities(disparity)
     bars = as_uncertainty(disparity, None, values.shape)
     geometry = ranging(values, calibration, uncertainty=bars, yaw=yaw, anchor=anchor)
@@ -134,7 +134,7 @@ def triangulate(
 def _points(
     depth: NDArray[np.float32], calibration: Calibration
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """Return the points of the pixels with a depth, and which of these have finite coordinates."""
+    """Return the points of the pixels with a depth, and a mask of those with finite coordinates."""
     (fx, _, cx), (_, fy, cy), _ = calibration.cam0
     kept = np.isfinite(depth)
     points = np.empty((np.count_nonzero(kept), 3), dtype=np.float32)

@@ -1,4 +1,4 @@
-"""The viewer without a result: pages that get one result after another start from it."""
+"""The viewer without a result: the start of pages that show one result after another."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _PARTS = "data", "stage", "viewer", "readout", "measure", "scene", "results"
 
 
 def blank_viewer(*, truth: bool) -> dict[str, Any]:
-    """Return all that the templates of the viewer refer to; ``truth``: whether one may be known."""
+    """Return all names in the templates of the viewer; ``truth``: whether a truth may be known."""
     disparity = np.zeros((4, 4), dtype=np.float32)
     flags = np.zeros((4, 4), dtype=np.uint16)
     flags.ravel()[: len(Flag)] = [flag.value for flag in Flag]
@@ -47,7 +47,7 @@ def blank_viewer(*, truth: bool) -> dict[str, Any]:
 
 
 def viewer_script() -> str:
-    """Return the script of such a page, which what drives it follows."""
+    """Return the script of such a page; the script that drives it follows."""
     folder = resources.files("phasestereo.views") / "templates"
     parts = "\n".join((folder / f"pair.{part}.js").read_text("utf-8") for part in _PARTS)
     return f'"use strict";\n{parts}const stage = new Stage(element("stage"), 4, 4);\n'

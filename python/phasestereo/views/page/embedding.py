@@ -1,4 +1,4 @@
-"""Arrays as text: what a page can hold without a file beside it."""
+"""Arrays as text, for a page without other files."""
 
 from __future__ import annotations
 
@@ -18,15 +18,16 @@ Picture = NDArray[np.uint8]
 
 _NONE = 2**16 - 1  # code of no disparity
 _FINEST = 1 / 128  # pixels
-_QUALITY = 85  # of a photograph: an eye sees no difference from the original
+_QUALITY = 85  # of a photograph: the eye sees no difference from the original
 _SPEED = 6  # of zlib: higher levels take long and gain 1 %
 
 
 def packed(array: NDArray[Any]) -> str:
     """Return an array of unsigned integers as text, exact and small.
 
-    The difference of each to the one before is kept, which wraps. First bytes come first, then all
-    second ones, little-endian: neighbors are alike, so zlib finds more; then base64.
+    It keeps the difference of each integer from the one before, which wraps. All first bytes come
+    first, then all second ones, little-endian: neighbors are alike, so zlib finds more. Base64
+    comes last.
     """
     flat = np.ascontiguousarray(array).ravel()
     steps = np.diff(flat, prepend=flat.dtype.type(0))
@@ -38,7 +39,7 @@ def packed(array: NDArray[Any]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Coding:
-    """A coding of disparities in 16 bits: ``low + step * code``; the last code stands for none."""
+    """A coding of disparities in 16 bits: ``low + step * code``; the last code: no disparity."""
 
     low: float
     step: float
@@ -51,7 +52,7 @@ class Coding:
 
 
 def coding_of(*maps: NDArray[np.float32] | None) -> Coding:
-    """Return a coding that holds all of these, to `_FINEST` if that fits into 16 bits."""
+    """Return a coding for all of these, in steps of `_FINEST` if that fits into 16 bits."""
     known = [values[np.isfinite(values)] for values in maps if values is not None]
     ends = [(float(part.min()), float(part.max())) for part in known if part.size] or [(0.0, 0.0)]
     low, high = min(end[0] for end in ends), max(end[1] for end in ends)

@@ -1,4 +1,4 @@
-"""What the page says in words and numbers."""
+"""The words and numbers on the page."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ _KINDS = {
 
 @dataclass(frozen=True, slots=True)
 class Area:
-    """A kind of relative blur, the share of the image that has it, and how it is shown."""
+    """A kind of relative blur, its share of the image, and its display."""
 
     words: str
     share: float
@@ -62,7 +62,7 @@ class BlurFacts:
 
 
 def blur_facts(blur: BlurEstimate, size: tuple[int, int]) -> BlurFacts:
-    """Describe the blur that was found in a pair of images of this size."""
+    """Describe the estimated blur of a pair of images of this size."""
     areas = [
         Area(_words(kind), share, _color(kind, number), _psf_uri(kind))
         for number, (kind, share) in enumerate(zip(blur.blurs, blur.areas(), strict=True))
@@ -112,16 +112,16 @@ def _psf_uri(kind: Blur) -> str | None:
 
 
 def _map_uri(blur: BlurEstimate, areas: list[Area], size: tuple[int, int]) -> str:
-    """Draw every pixel in the color of the area that its tile belongs to."""
+    """Draw every pixel in the color of its tile's area."""
     table = np.array([[int(a.color[i : i + 2], 16) for i in (1, 3, 5)] for a in areas], np.uint8)
     return picture_uri(table[blur.label_map(size)])
 
 
 def metric_rows(score: Score) -> list[tuple[str, str]]:
-    """Return metrics by name as they are read, NaN as a dash; avgerr and EPE are one number."""
+    """Return metrics by name in readable form, NaN as a dash; avgerr and EPE are one number."""
     numbers = score.as_dict()
     pixels = numbers.pop("pixels")
-    del numbers["EPE"]  # that of the whole range, as avgerr is where nothing is clipped
+    del numbers["EPE"]  # for the whole range; equals avgerr where nothing is clipped
     words = {
         _NAMES.get(name, name): (
             f"{value:.2f} {unit_of(name)}" if math.isfinite(value) else "\N{EN DASH}"
@@ -132,12 +132,12 @@ def metric_rows(score: Score) -> list[tuple[str, str]]:
 
 
 def setting_rows(settings: Settings) -> list[tuple[str, str]]:
-    """Return all settings as they are written in Python."""
+    """Return all settings in Python syntax."""
     return [(name, repr(value)) for name, value in asdict(settings).items()]
 
 
 def preset_of(settings: Settings) -> str | None:
-    """Return the name of the preset that these settings are, if they are one."""
+    """Return the name of the preset with these settings, if one matches."""
     return next((name for name, preset in PRESETS.items() if preset == settings), None)
 
 
@@ -165,7 +165,7 @@ def versions() -> list[tuple[str, str]]:
 
 
 def scored_pixels(truth: Map, mask: NDArray[np.bool_] | None) -> NDArray[np.bool_]:
-    """Return the pixels that metrics count."""
+    """Return the mask of the pixels that metrics count."""
     known = np.isfinite(truth)
     return known if mask is None else known & mask
 
@@ -173,7 +173,7 @@ def scored_pixels(truth: Map, mask: NDArray[np.bool_] | None) -> NDArray[np.bool
 def charts(
     result: Result, truth: Map | None, scored: NDArray[np.bool_] | None
 ) -> dict[str, dict[str, Any]]:
-    """Return the numbers of the charts: how disparities, errors and confidences are spread."""
+    """Return the numbers of the charts: the spread of disparities, errors and confidences."""
     found = {}
     if np.isfinite(result.disparity).any():
         found["disparities"] = _histogram(result.disparity, truth)
@@ -234,7 +234,7 @@ def chart_titles(shown: Mapping[str, Any]) -> list[tuple[str, str, str]]:
 def readout(
     result: Result, truth: Map | None, *, exact: bool, metric: bool, gray: tuple[bool, bool]
 ) -> list[tuple[str, str]]:
-    """Return the key and the name of each value that is shown of a pixel."""
+    """Return the key and the name of each value to show for a pixel."""
     left, right = ("gray" if one else "RGB" for one in gray)
     rows = [
         ("pixel", "Pixel", True),

@@ -1,4 +1,4 @@
-"""What can be looked at pixel by pixel: each layer with its colors, its scale and its values."""
+"""Layers to view pixel by pixel: each with its colors, its scale and its values."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ from phasestereo.views.picture import (
     longest,
 )
 
-_WORST = 4.0  # error in pixels from which on the color is the darkest
+_WORST = 4.0  # error in pixels at and above which the color is the darkest
 
-# Colors that differ to people with any color vision (after Okabe and Ito), and what to say.
+# Colors that people with any color vision can distinguish (after Okabe and Ito), and the text.
 FLAGS = {
     Flag.MASKED: ("#5a5a5a", "the left pixel is masked"),
     Flag.NO_CANDIDATE: ("#2b2b2b", "nothing valid to compare it with"),
@@ -63,9 +63,9 @@ class Layer:
     places
         Decimal places of its values.
     hint
-        What the colors mean.
+        The meaning of the colors.
     missing
-        What gray pixels are.
+        The meaning of gray pixels.
     """
 
     key: str
@@ -81,7 +81,7 @@ class Layer:
 
 @dataclass(frozen=True, slots=True)
 class FlagKind:
-    """A flag: its bit, its name, how many pixels have it, and how it is shown."""
+    """A flag: its bit, its name, its number of pixels, and its display."""
 
     bit: int
     name: str
@@ -92,7 +92,7 @@ class FlagKind:
 
 
 def layers_of(result: Result, truth: Map | None) -> list[Layer]:
-    """Return the layers of numbers that there are for a result, in the order of their buttons."""
+    """Return the layers of numbers that a result has, in the order of their buttons."""
     # Both maps have the same ends, so that their colors compare.
     ends = _robust_ends(result.disparity if truth is None else truth, result.disparity)
     near = "near is red, far is blue"
@@ -120,7 +120,7 @@ def layers_of(result: Result, truth: Map | None) -> list[Layer]:
 
 
 def flag_kinds(flags: NDArray[np.uint16]) -> list[FlagKind]:
-    """Return every flag that a pixel has, reasons before the fillings they led to."""
+    """Return every flag of any pixel, reasons before the fillings they led to."""
     counts = count_flags(flags)
     return [
         FlagKind(flag.value, flag.words, counts[flag], counts[flag] / flags.size, color, meaning)
@@ -130,7 +130,7 @@ def flag_kinds(flags: NDArray[np.uint16]) -> list[FlagKind]:
 
 
 def colors(name: str, *, white: float = 0.0) -> str:
-    """Return 256 colors of a map of matplotlib's, of which a first share may be white."""
+    """Return 256 colors of a map of matplotlib; a first share may be white."""
     lookup = require("matplotlib", extra="report").colormaps[name]
     table = lookup(np.arange(256), bytes=True)[:, :3].copy()
     table[: round(white * 255) + 1 if white else 0] = 255
@@ -138,10 +138,10 @@ def colors(name: str, *, white: float = 0.0) -> str:
 
 
 def views(layers: list[Layer]) -> list[tuple[str, str]]:
-    """Return the keys and labels of all that can be looked at, in the order of their buttons."""
+    """Return the keys and labels of all views, in the order of their buttons."""
     maps = [(layer.key, layer.label) for layer in layers]
     pair = [("left", "Left image"), ("right", "Right image")]
-    place = sum(key in MAPS for key, _ in maps)  # flags come after what a result says of itself
+    place = sum(key in MAPS for key, _ in maps)  # flags come after the maps of a result
     return [*pair, *maps[:place], ("flags", "Flags"), *maps[place:]]
 
 
@@ -181,7 +181,7 @@ def codings_of(result: Result, truth: Map | None) -> dict[str, Coding]:
 
 
 def _robust_ends(*maps: Map) -> tuple[float, float]:
-    """Return ends of the colors: of the first map that has any value."""
+    """Return the ends of the colors from the first map with any value."""
     for values in maps:
         known = values[np.isfinite(values)]
         if known.size:

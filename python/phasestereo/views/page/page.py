@@ -1,4 +1,4 @@
-"""The page put together: checked, rendered, and written whole or not at all."""
+"""Check, render and write the page, whole or not at all."""
 
 from __future__ import annotations
 
@@ -61,10 +61,9 @@ def write_pair_page(
 
     It has the pair to flick between, disparities, confidences, error bars, flags and errors with
     their values under the cursor, the diagnosis of the blur, metrics, settings and times, and the
-    points in three dimensions. It needs a browser of 2023 or later. Disparities are given to
-    1/128 px, or as fine as 16 bits can. Of maps of more than 2.1 million pixels, that is beyond
-    Full HD, it shows every n-th pixel of every n-th row, with the values of just these, and says
-    so.
+    points in three dimensions. It needs a browser of 2023 or later. It gives disparities to
+    1/128 px, or as fine as 16 bits allow. For maps of more than 2.1 million pixels, beyond Full HD,
+    it shows every n-th pixel of every n-th row, with the values of just these, and says so.
 
     Parameters
     ----------
@@ -74,26 +73,26 @@ def write_pair_page(
         The images, as `phasestereo.match` takes them. Intensities of other types than uint8 are
         stretched for the screen.
     result
-        What `match` returned for them.
+        The result of `match` for them.
     truth
-        Floats (H, W), the disparities known to be right; NaN or infinite = unknown.
+        Floats (H, W), the true disparities; NaN or infinite = unknown.
     mask
         bool (H, W), the pixels to score; None: all whose truth is known.
     calibration
-        Geometry of the points; without one they are drawn as if the focal length were the images'
-        width and the cameras one unit apart, and the page says so.
+        Geometry of the points; without one the page draws them as if the focal length were the
+        images' width and the cameras one unit apart, and says so.
     keep
-        Which points the page shows at first, as `phasestereo.point_cloud` takes it; all others can
-        be chosen there.
+        Which points the page shows at first, as `phasestereo.point_cloud` takes it; readers can
+        choose all others there.
     min_depth
-        Points nearer, in the unit of the baseline, are left out; None: none are.
+        Leaves out points nearer than this, in the unit of the baseline; None: no limit.
     max_depth
-        Points farther away, in the unit of the baseline, are left out; None: those more than half
-        as far again as nine tenths of them.
+        Leaves out points farther than this, in the unit of the baseline; None: those beyond 1.5
+        times the 90th percentile of the depths.
     yaw, anchor
-        How exact the calibration is, as `phasestereo.depth_interval` takes them.
+        The accuracy of the calibration, as `phasestereo.depth_interval` takes them.
     min_disparity, num_disparities
-        What was searched, for the page to say so; None: it does not.
+        The searched range, which the page then names; None: it does not.
     title
         Heading of the page.
 
@@ -102,8 +101,8 @@ def write_pair_page(
     TypeError
         If an argument has the wrong type.
     ValueError
-        If the suffix is another, sizes differ, or there is nothing to score; if there is a mask and
-        no truth.
+        If the suffix is different, sizes differ, or nothing remains to score; if you pass a mask
+        and no truth.
     OSError
         If the file cannot be written.
     ImportError
@@ -134,13 +133,13 @@ def write_pair_page(
     search = None if num_disparities is None else (min_disparity, num_disparities)
     context = _context(shown, scene, search) | {"keep": selection.keep}
     page = render_page("pair.html.j2", title=str(title), **context)
-    # Names of files that are not UTF-8 are shown as the terminal shows them.
+    # Show names of files that are not UTF-8 as the terminal does.
     replace_text(path, page, errors="backslashreplace")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Shown:
-    """The content of the page, and the step at which pixels are shown."""
+    """The content of the page, and the step between shown pixels."""
 
     pair: tuple[Pixels, Pixels]
     result: Result
@@ -167,20 +166,20 @@ def _checked(
 
 
 def _step(size: tuple[int, ...]) -> int:
-    """Return the least step at which no more pixels are left than a page shows."""
+    """Return the smallest step that leaves no more pixels than a page shows."""
     return next(
         step for step in count(1) if -(-size[0] // step) * -(-size[1] // step) <= MOST_PIXELS
     )
 
 
 def _context(shown: _Shown, scene: ScenePoints, search: tuple[int, int] | None) -> dict[str, Any]:
-    """Return all that the template refers to."""
+    """Return all names that the template refers to."""
     result, truth = shown.result, shown.truth
     scored = None if truth is None else facts.scored_pixels(truth, shown.mask)
     score = None if truth is None else score_map(result.disparity, truth, mask=shown.mask)
     kinds = layers.flag_kinds(result.flags)
 
-    # Of large maps every n-th pixel is shown; small pictures are kept to the bit.
+    # Show every n-th pixel of large maps; keep small pictures to the bit.
     thin = (slice(None, None, shown.step), slice(None, None, shown.step))
     dtypes = {image.dtype for image in shown.pair}
     is_plain = dtypes == {np.dtype(np.uint8)}

@@ -1,4 +1,4 @@
-"""The points of the 3-D view: how many there are, and the geometry that makes them of pixels."""
+"""The points of the 3-D view: their number, and the geometry that turns pixels into points."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from phasestereo._images import Map
 from phasestereo.io import Calibration
 from phasestereo.views.depths import Ranging
 
-_FAR = 1.5  # depths beyond this multiple of the 90th percentile are left out: they dwarf the rest
+_FAR = 1.5  # leave out depths beyond this multiple of the 90th percentile: they dwarf the rest
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -25,13 +25,13 @@ class ScenePoints:
     total
         Number of pixels with a depth.
     far
-        Share of these that are too far away to be shown.
+        Share of these that are too far away to show.
     nearest, limit
-        The smallest and the largest depth that are shown.
+        The smallest and the largest depth on display.
     ranging
-        What makes points of pixels, and ends of depths of error bars.
+        The converter from pixels to points, and from error bars to the ends of depths.
     nominal
-        Whether it is assumed, without a calibration.
+        Whether the geometry is an assumption, without a calibration.
     """
 
     shown: int
@@ -48,7 +48,7 @@ class ScenePoints:
         return self.ranging.calibration
 
     def described(self) -> dict[str, Any]:
-        """Return it as the page has it."""
+        """Return it in the form that the page uses."""
         unit = "baselines" if self.nominal else self.geometry.unit or ""
         return {
             **described(self.ranging, unit),
@@ -66,7 +66,7 @@ class ScenePoints:
 
 
 def described(ranging: Ranging, unit: str) -> dict[str, Any]:
-    """Return a geometry, and how exact it is, as scripts have it."""
+    """Return a geometry and its accuracy in the form that scripts use."""
     known = ranging.calibration
     (focal, _, x), (_, vertical, y), _ = known.cam0
     return {
@@ -96,14 +96,14 @@ def scene_points(
     disparity
         float32 (H, W), pixels.
     ranging
-        The geometry, and how exact it is; None: the focal length is the images' width, the cameras
-        look the same way from one unit apart.
+        The geometry and its accuracy; None: the focal length is the images' width, the cameras are
+        parallel and one unit apart.
     step
-        Only pixels count that the layers of the page hold: every step-th of every step-th row.
+        Only the pixels in the layers of the page count: every step-th of every step-th row.
     min_depth
-        Points nearer are left out; None: none are.
+        Leaves out points nearer than this; None: no limit.
     max_depth
-        Points farther away are left out; None: those far beyond nearly all of them.
+        Leaves out points farther than this; None: those far beyond nearly all of them.
     """
     known = ranging or _nominal(disparity.shape)
     depth = known.calibration.depth(disparity[::step, ::step]).ravel()
