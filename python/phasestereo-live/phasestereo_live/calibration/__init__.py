@@ -1,4 +1,4 @@
-"""Two cameras calibrated by pictures of a board: where each stands, how it sees, and how exactly.
+"""Calibrate two cameras from pictures of a board: poses, intrinsics, and their accuracy.
 
     import phasestereo_live as live
 
@@ -6,9 +6,9 @@
     rig.save("calibration.yaml")
     print(rig.error, rig.advice)
 
-`sources` reads pictures and videos, `boards` finds boards in them, `solving` has OpenCV fit the
-cameras and works out how exactly they are known, `advising` says what is missing, and `record` is
-what comes of it. All of it needs the extra ``rectify``.
+`sources` reads pictures and videos, `boards` finds boards in them, `solving` fits the cameras with
+OpenCV and computes their accuracy, `advising` names missing pictures, and `record` holds the
+calibration. All of it needs the extra ``rectify``.
 """
 
 from __future__ import annotations

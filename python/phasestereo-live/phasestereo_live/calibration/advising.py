@@ -1,4 +1,4 @@
-"""What views of a board cover, and what to take next."""
+"""The coverage of views of a board, and the next pictures to take."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from phasestereo_live.calibration.record import CELLS, BoardView
 
 _ENOUGH = 12  # views
 _TILTED = 15.0  # degrees that some views should be tilted each way
-_NEARER = 1.5  # of the nearest distance, that the farthest one should be
+_NEARER = 1.5  # times the nearest distance: the farthest one should reach it
 _KNOWN = 0.003  # of the focal length: its standard deviation
-_SHARP = 0.5  # pixels that corners fit to, if nothing is wrong
-_THIN = 1 / 2  # of the cells of a part of the image, that should have corners
+_SHARP = 0.5  # pixels: the fit of corners in good pictures
+_THIN = 1 / 2  # of the cells of a part of the image should have corners
 _MARGIN = 1.5  # disparities: a board ends some way beyond its corners
 
 _PARTS = {"upper": slice(0, 2), "middle": slice(2, 4), "lower": slice(4, 6)}
@@ -44,18 +44,18 @@ def advice(
     Parameters
     ----------
     views
-        Those that were looked at.
+        The views to judge.
     covered
-        What `coverage` returns of each image.
+        The `coverage` of each image.
     error
         Root mean square error of corners, pixels.
     focal
         Standard deviation of the worse focal length, as a share of it.
     parallax
-        Disparity of the farthest board, as a share of the width: left of it the left image shows
-        what the right one does not, and the other way round.
+        Disparity of the farthest board, as a share of the width: a strip this wide at the left of
+        the left image is not in the right one, and the other way round.
     unit
-        Of distances: "m", or "squares" where the size of a square is not known.
+        Unit of distances: "m", or "squares" where the size of a square is unknown.
     """
     used = [view for view in views if view.used]
     said = []
@@ -85,7 +85,7 @@ def advice(
 
 
 def _empty(cells: NDArray[np.int64], shared: NDArray[np.bool_]) -> list[str]:
-    """Return the parts of an image in which few cells of columns that both show have corners."""
+    """Return the parts of an image with corners in few cells of the columns that both show."""
     found = []
     for part, rows in _PARTS.items():
         for side, columns in _SIDES.items():

@@ -1,8 +1,8 @@
-"""The page of a calibration: what was seen where, how well it fits, how exact depths can be.
+"""The page of a calibration: the coverage, the fit, and the possible accuracy of depths.
 
     write_calibration_page("calibration.html", live.calibrate("boards/", square=0.025))
 
-One HTML file, which needs nothing beside it, no network and no scripts: its pictures are SVG.
+One HTML file, without other files, a network or scripts: its pictures are SVG.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from phasestereo_live.calibration import StereoCalibration
 
 __all__ = ["write_calibration_page"]
 
-_NEAREST, _FARTHEST = 5, 400  # baselines, that the plot reaches from and to
+_NEAREST, _FARTHEST = 5, 400  # baselines: the range of the plot
 _SAMPLES = 60
 _WIDTH, _HEIGHT = 600, 300  # of the plot
 _TICKS = (1, 2, 5)  # in each decade
@@ -37,15 +37,15 @@ def write_calibration_page(
 ) -> None:
     """Write a page that shows a calibration: one HTML file, which needs no network.
 
-    It has what to take next, the cameras with standard deviations, where corners lie in both
-    images, the error of each view, and the error of depths over the distance.
+    It has the next pictures to take, the cameras with standard deviations, the positions of corners
+    in both images, the error of each view, and the error of depths over the distance.
 
     Parameters
     ----------
     path
         The file: ``.html`` or ``.htm``.
     calibration
-        What `phasestereo_live.calibrate` returned.
+        The calibration from `phasestereo_live.calibrate`.
     title
         Heading of the page.
 
@@ -54,7 +54,7 @@ def write_calibration_page(
     TypeError
         If it is not a calibration.
     ValueError
-        If the suffix is another.
+        If the suffix is different.
     OSError
         If the file cannot be written.
     ImportError
@@ -85,13 +85,13 @@ def write_calibration_page(
         ],
         plot=_plot(calibration),
     )
-    # Names of files that are not UTF-8 are shown as the terminal shows them.
+    # Show names of files that are not UTF-8 as the terminal does.
     replace_text(path, page, errors="backslashreplace")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Image:
-    """Where corners lie in one image: in each cell, and each."""
+    """The corners in one image: the number in each cell, and each position."""
 
     name: str
     cells: NDArray[np.int64]

@@ -1,4 +1,4 @@
-"""What a calibration is: two cameras, how exactly they are known, and the views they come from."""
+"""A calibration: two cameras, their accuracy, and the views they come from."""
 
 from __future__ import annotations
 
@@ -37,11 +37,11 @@ class BoardView:
     Parameters
     ----------
     names
-        What the left and the right picture are called: their files, or frames of a video.
+        The names of the left and the right picture: their files, or frames of a video.
     ids
         Numbers of the corners that both show, (N,), counted along the rows of the board.
     left, right
-        Where they are, (N, 2), pixels; (0, 2) where there are none.
+        Their positions, (N, 2), pixels; (0, 2) without corners.
     used
         Whether the calibration uses it.
     reason
@@ -54,8 +54,8 @@ class BoardView:
     distance
         From the left camera to the middle of the corners, in the unit of T.
     tilt
-        Angles between the board and the image plane, degrees: how far its right edge is farther
-        away than its left one, and its lower edge than its upper one.
+        Angles between the board and the image plane, degrees: positive if its right edge is farther
+        away than its left one, or its lower edge than its upper one.
     """
 
     names: tuple[str, str]
@@ -118,17 +118,17 @@ class StereoCalibration:
     board
         The board, in words.
     views
-        All pairs that were looked at, those used and those left out.
+        All pairs, used and left out.
     error
         Root mean square distance of corners from where the cameras see them, pixels.
     rows
         Root mean square difference of rows of rectified corners, pixels.
     held_out
-        The same of views that did not take part: half of them by cameras fitted to the other half.
-        None: there are too few views.
+        The same for views outside the fit: half of them with cameras fitted to the other half.
+        None: too few views.
     covariance
         Of fx, fy, cx, cy and the distortion of the left camera, those of the right one, the vector
-        of the rotation (``cv2.Rodrigues``) and T: 0 for what is not fitted.
+        of the rotation (``cv2.Rodrigues``) and T: 0 for parameters that are not fitted.
     coverage
         Corners in each cell of 6 x 8 of the left and of the right image, int (6, 8).
     advice
@@ -202,9 +202,9 @@ class StereoCalibration:
     def depth_error(self, distances: ArrayLike, disparity_error: float = 0.25) -> DepthError:
         """Return the expected depth errors of these cameras.
 
-        At a depth Z an error e of the disparity makes one of ``Z**2 / (f b) * e``. That of the
-        calibration is worked out from the covariance of all its numbers, for points in the middle
-        half of the image. An error of the size of a square is not in it.
+        At a depth Z an error e of the disparity causes a depth error of ``Z**2 / (f b) * e``. The
+        error of the calibration follows from the covariance of all its numbers, for points in the
+        middle half of the image. It does not include an error of the size of a square.
 
         Parameters
         ----------
@@ -280,7 +280,7 @@ class StereoCalibration:
         Raises
         ------
         ValueError
-            If the suffix is another.
+            If the suffix is different.
         OSError
             If the file cannot be written.
         """

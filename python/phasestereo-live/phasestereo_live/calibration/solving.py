@@ -1,13 +1,13 @@
-"""Cameras fitted to corners by OpenCV, and how exactly their numbers are known.
+"""Fit cameras to corners with OpenCV, and compute the accuracy of their parameters.
 
-OpenCV gives standard deviations of one camera's numbers, not those of both cameras and of how they
-stand to each other; so the covariance of them all is worked out here, from the derivatives that
-OpenCV has: of the normal equations of all corners the poses of the board are eliminated (Schur's
-complement), and the rest is inverted, times the variance of the corners' errors.
+OpenCV gives standard deviations of one camera's parameters, not of both cameras and their relative
+pose. So this module computes the covariance of all of them from OpenCV's derivatives: it eliminates
+the poses of the board from the normal equations of all corners (Schur's complement), inverts the
+rest, and multiplies by the variance of the corners' errors.
 
-Lenses of 120 degrees and more are those of `cv2.fisheye`. Its own `calibrate` does not begin where
-boards are far from the axis (an assertion of OpenCV 5.0 fails in 55 views of up to 70 degrees), so
-that the same normal equations, damped, fit them here (Levenberg and Marquardt), from rays of an
+Lenses of 120 degrees and more are those of `cv2.fisheye`. Its own `calibrate` does not start if
+boards are far from the axis (an assertion of OpenCV 5.0 fails in 55 views of up to 70 degrees). So
+the same normal equations, damped, fit them here (Levenberg and Marquardt), from rays of an
 equidistant lens.
 """
 
@@ -34,7 +34,7 @@ FITS = 0.5
 
 _STARTS = 0.5, 0.7, 1.0, 1.4  # focal lengths of fisheyes, times that of 180 degrees in the width
 _STEPS, _STILL = 100, 1e-9  # of a fit: steps at most, and the relative change that ends it
-_BETTER = 0.95  # of the error that a lens of fewer coefficients leaves, to take one of more
+_BETTER = 0.95  # of the error with fewer coefficients: the limit for taking more of them
 
 
 class Sight(NamedTuple):
@@ -47,7 +47,7 @@ class Sight(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Fit:
-    """Two cameras, and what they leave of the corners.
+    """Two cameras, and the remaining errors of the corners.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ class Fit:
     covariance
         Of the numbers of `vector`.
     lens
-        What was fitted.
+        The fitted lens.
     """
 
     matrices: dict[str, Matrix]
@@ -88,7 +88,7 @@ def vector(matrices: dict[str, Matrix]) -> Matrix:
 
 
 def from_vector(numbers: Matrix) -> dict[str, Matrix]:
-    """Return the matrices of which `vector` returns these numbers."""
+    """Return the matrices from these numbers; the inverse of `vector`."""
     one = (len(numbers) - 6) // 2
     found = {}
     for side, part in zip("12", (numbers[:one], numbers[one : 2 * one]), strict=True):
@@ -100,7 +100,7 @@ def from_vector(numbers: Matrix) -> dict[str, Matrix]:
 
 
 def fit(sights: Sequence[Sight], size: tuple[int, int], lens: Lens | None = None) -> Fit:
-    """Fit both cameras to what they saw.
+    """Fit both cameras to their corners.
 
     Parameters
     ----------
@@ -109,14 +109,14 @@ def fit(sights: Sequence[Sight], size: tuple[int, int], lens: Lens | None = None
     size
         Columns and rows of the images.
     lens
-        Coefficients of the lenses' distortion, or "fisheye". None: as few as leave no error that
-        more would take away by a twentieth; those of a fisheye where these leave corners, or rows
-        of rectified corners, that are far off, and it explains them better.
+        Coefficients of the lenses' distortion, or "fisheye". None: the fewest, unless more reduce
+        the error by a twentieth; a fisheye if these leave corners, or rows of rectified corners,
+        far off, and it explains them better.
 
     Raises
     ------
     ValueError
-        If OpenCV finds no cameras that saw this.
+        If OpenCV finds no cameras for these corners.
     """
     cv2 = require("cv2", extra="rectify")
     lenses: tuple[Lens, ...] = (4, 5, 8) if lens is None else (lens,)
@@ -143,7 +143,7 @@ def fit(sights: Sequence[Sight], size: tuple[int, int], lens: Lens | None = None
 
 
 def is_far_off(found: Fit) -> bool:
-    """Return whether cameras leave corners or rows that a lens of their kind does not leave."""
+    """Return whether the errors of corners or rows are too large for this kind of lens."""
     error, rows = rms(found.errors), rms(found.rows)
     return error > FITS or rows > max(ROWS_OVER * error, FITS)
 
@@ -151,8 +151,8 @@ def is_far_off(found: Fit) -> bool:
 def disagreement(sights: Sequence[Sight], size: tuple[int, int]) -> Matrix:
     """Return each view's corner error for the right camera pose of most views, pixels.
 
-    Each camera is fitted alone. Each view then gives their relative pose; of all
-    views' rotations and translations the medians are taken.
+    Each camera is fitted alone. Each view then gives their relative pose; the result is the median
+    of all views' rotations and translations.
     """
     cv2 = require("cv2", extra="rectify")
     points, left, right = _as_lists(sights)
@@ -213,7 +213,7 @@ def _cameras(
         flags=flags | cv2.CALIB_USE_INTRINSIC_GUESS, criteria=until,
     )  # fmt: skip
 
-    # Behind eight coefficients OpenCV has others, which are 0.
+    # After eight coefficients OpenCV has others, which are 0.
     d1, d2 = (np.asarray(d, dtype=np.float64).reshape(1, -1)[:, : max(count, 5)] for d in (d1, d2))
     found = {"K1": k1, "D1": d1, "K2": k2, "D2": d2, "R": r, "T": t}
     return found, list(zip(rotations, moves, strict=True))
@@ -222,7 +222,7 @@ def _cameras(
 def _fisheyes(
     sights: Sequence[Sight], size: tuple[int, int]
 ) -> tuple[dict[str, Matrix], list[tuple[Matrix, Matrix]]]:
-    """Return the fisheyes that leave the least squares, and the board's poses."""
+    """Return the fisheyes with the least squares, and the board's poses."""
     starts = [_start(sights, size, share * size[0] / np.pi) for share in _STARTS]
     numbers, poses = min(starts, key=lambda one: _squares(sights, *one))
     least, damping = _squares(sights, numbers, poses), 1e-3
@@ -282,7 +282,7 @@ def _facing(points: Matrix, places: Matrix, middle: Matrix, focal: float) -> tup
 def _squares(
     sights: Sequence[Sight], numbers: Matrix, poses: Sequence[tuple[Matrix, Matrix]]
 ) -> float:
-    """Return the sum of squares that fisheyes leave; infinite where they see nothing."""
+    """Return the sum of squares of fisheyes; infinite where they see nothing."""
     matrices = from_vector(numbers)
     parts = [_derivatives(*one, matrices, "fisheye")[0] for one in zip(sights, poses, strict=True)]
     total = float(sum(np.sum(part**2) for part in parts))
@@ -405,7 +405,7 @@ def undistorted_by(lens: Lens, places: Matrix, k: Matrix, d: Matrix) -> Matrix:
 def row_errors(
     matrices: dict[str, Any], sights: Sequence[Sight], size: tuple[int, int], lens: Lens
 ) -> NDArray[np.float64]:
-    """Return by how much rows of rectified corners differ, root mean square, of each view.
+    """Return the root mean square difference of rows of rectified corners for each view.
 
     Of fisheyes, whose rectified images do not end, it is the angle between the right camera's ray
     and the plane of the left one's ray and the baseline, times the focal length.

@@ -1,4 +1,4 @@
-"""Where pictures of a board come from: folders, pairs of images, videos; all in gray, 8 bits."""
+"""Sources of pictures of a board: folders, pairs of images, videos; all in gray, 8 bits."""
 
 from __future__ import annotations
 
@@ -25,19 +25,19 @@ Finds: TypeAlias = Callable[[Gray], "NDArray[np.float64] | None"]
 
 # How files begin that hold frames themselves: a playlist could name files and addresses.
 _CONTAINERS = ((0, b"\x1aE\xdf\xa3"), (4, b"ftyp"), (8, b"AVI "))
-_SMALL = 640  # columns in which frames of a video are looked through
+_SMALL = 640  # columns of the small frames to search in a video
 _SAMPLES = 4  # a second
 _STEADY = 0.5  # of these small pixels, from a frame to the next
-_NEW = 0.04  # of the width, by which a pose must differ from those before it
-_MOST_FRAMES = 60  # to be taken of a video
-_LOOKS = 20  # frames in which it is asked whether they are one camera's
+_NEW = 0.04  # of the width: least difference of a pose from those before it
+_MOST_FRAMES = 60  # to take from a video
+_LOOKS = 20  # frames to check for a video of one camera
 _BOTH = "accepts a video of both views side by side, or one of each camera"
 
 
 class Shot(NamedTuple):
-    """A pair of pictures taken at one moment: what to call them, and gray images (H, W).
+    """A pair of pictures taken at one moment: their names, and gray images (H, W).
 
-    Without images there is a reason why they could not be read.
+    Without images, it has the reason that they could not be read.
     """
 
     names: tuple[str, str]
@@ -55,13 +55,13 @@ def shots(
     left, right, layout
         As `phasestereo_live.calibrate` takes them.
     finds
-        Finds a board in a small picture; of videos only frames with a board are taken, steady ones
-        that differ from those before.
+        Finds a board in a small picture; videos supply only frames with a board, steady ones that
+        differ from those before.
 
     Raises
     ------
     OSError, TypeError, ValueError
-        If there is nothing of the kind.
+        If the source does not exist or is invalid.
     """
     if not isinstance(left, str | os.PathLike):
         if right is not None or layout is not None:
@@ -181,7 +181,7 @@ def _opened_video(path: Path) -> Any:
 
 
 def _frames(videos: list[Any], layout: Layout) -> tuple[Gray, Gray] | None:
-    """Return the next frame of both views; None: a video has ended, or breaks off."""
+    """Return the next frame of both views; None: a video has ended or breaks off."""
     read = [video.read() for video in videos]
     if not all(there for there, _ in read):
         return None
@@ -191,7 +191,7 @@ def _frames(videos: list[Any], layout: Layout) -> tuple[Gray, Gray] | None:
 
 
 class _Chosen:
-    """Chooses frames in which the board is seen twice, stands still, and stands elsewhere."""
+    """Chooses frames in which both views see the board, at rest, and in a new place."""
 
     def __init__(self, finds: Finds) -> None:
         self._finds = finds

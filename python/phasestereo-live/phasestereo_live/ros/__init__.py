@@ -7,10 +7,10 @@
         for frame in frames:
             header = recording.headers[frame.index]
 
-Here belong the files (`bags`, through the library rosbags, held to bounds by `reading`), what pairs
-the frames of two topics (`pairing`), what images are in messages (`images`), what ``camera_info``
-holds (`infos`) and the messages that come out (`messages`), which the node of ROS 2 makes, too. It
-needs the extra ``ros``.
+The modules cover the files (`bags`, through the library rosbags, within the bounds of `reading`),
+the pairing of two topics (`pairing`), the images in messages (`images`), the contents of
+``camera_info`` (`infos`) and the output messages (`messages`), which the ROS 2 node also makes. The
+package needs the extra ``ros``.
 """
 
 from __future__ import annotations

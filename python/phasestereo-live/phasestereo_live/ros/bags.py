@@ -18,7 +18,7 @@ _SURPLUS = bytes(4)
 
 
 class Item(NamedTuple):
-    """A message as it was recorded: its topic, when it was (ns since 1970), and how to read it."""
+    """A recorded message: its topic, its time (ns since 1970), and a function that reads it."""
 
     topic: str
     time: int
@@ -26,13 +26,13 @@ class Item(NamedTuple):
 
 
 def is_recording(path: StrPath) -> bool:
-    """Return whether a path is that of a recording: by its suffix, or by what the folder holds."""
+    """Return whether a path is a recording: by its suffix, or by the contents of the folder."""
     place = Path(path)
     return suffix(place) in SUFFIXES or (place / "metadata.yaml").is_file()
 
 
 class Bag:
-    """A recording that is open.
+    """An open recording.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ class Bag:
         types = stores.get_typestore(store)
         self._decode = types.deserialize_ros1 if is_ros1 else types.deserialize_cdr
 
-        self._path.stat()  # the system says what does not exist
+        self._path.stat()  # the system reports a missing file
         self._reader: Any = None
         with named(os.fspath(path)):
             reader = reader_of(self._path)
@@ -66,7 +66,7 @@ class Bag:
 
     @property
     def topics(self) -> dict[str, tuple[str, int]]:
-        """Of each topic the type, and how many messages there are."""
+        """The type and the number of messages of each topic."""
         return {one.topic: (one.msgtype, one.msgcount) for one in self._reader.connections}
 
     def items(self, topics: Sequence[str]) -> Iterator[Item]:
@@ -90,7 +90,7 @@ class Bag:
                 try:
                     return self._decode(data, kind)
                 except Exception:
-                    # librealsense before 2.56 leaves four bytes behind the images of its .bag.
+                    # librealsense before 2.56 leaves four bytes after the images of its .bag.
                     if bytes(data[-4:]) != _SURPLUS:
                         raise
                     return self._decode(data[:-4], kind)
@@ -107,8 +107,8 @@ class Bag:
 class RecordingWriter(Closing):
     """Writes messages to a recording.
 
-    It takes its place when it is closed, also when an error ends the ``with`` block; without a
-    single message nothing is written, and an earlier file stays.
+    The recording takes its place when you close it, also when an error ends the ``with`` block.
+    Without a single message it writes nothing, and an earlier file stays.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ class RecordingWriter(Closing):
     Raises
     ------
     OSError
-        If its folder does not exist or cannot be written to, or the path is not that of a file.
+        If its folder does not exist or cannot be written to, or the path is not a file.
     ValueError
         If the suffix is unknown.
     ImportError
@@ -175,9 +175,9 @@ class RecordingWriter(Closing):
         topic
             Its topic.
         stamp
-            When it counts as recorded, ns since 1970.
+            Recording time, ns since 1970.
         message
-            What `make` returned.
+            A message from `make`.
 
         Raises
         ------
@@ -204,7 +204,7 @@ class RecordingWriter(Closing):
 
         try:
             writer.close()
-            # Of the folder that rosbags makes, a rosbag2 in SQLite is all, the others are one file.
+            # A rosbag2 in SQLite is the whole folder that rosbags makes, the others one file of it.
             is_folder = self._kind == ".db3"
             made = self._home / self._target.stem
             inner = made if is_folder else next(self._home.rglob(f"*{self._kind}"))

@@ -1,8 +1,8 @@
-"""Images as messages hold them: ``sensor_msgs/Image`` and ``CompressedImage``, and arrays.
+"""Images in messages, ``sensor_msgs/Image`` and ``CompressedImage``, and as arrays.
 
-The library rosbags-image knows the encodings. Sizes are checked before it sees a message, and rows
-are freed of their padding, which it does not expect. Pictures are decoded as files of images are:
-within the bounds of those, and with all their bits.
+The library rosbags-image knows the encodings. This module checks sizes before it sees a message,
+and removes the padding of rows, which it does not expect. It decodes pictures like image files:
+within the same bounds, and with all their bits.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ _COLORS = {
     | {f"{order}16": 2 for order in _BAYER},
 }
 
-# Encoding -> bytes of a pixel, and the encoding that it is brought to.
+# Encoding -> bytes of a pixel, and the encoding to convert to.
 _ENCODINGS = {name: (size, name) for name, size in _GRAY.items()} | {
     name: (size, target) for target, sizes in _COLORS.items() for name, size in sizes.items()
 }
 _SAME = {"8UC3": "bgr8"}  # by the convention of OpenCV, which the library leaves open
-_LONGEST_NAME = 40  # characters of a name that a message gives
+_LONGEST_NAME = 40  # characters of a name from a message
 
 
 def decode_image(message: Any) -> Pixels:
@@ -57,8 +57,8 @@ def decode_image(message: Any) -> Pixels:
     Raises
     ------
     ValueError
-        If the encoding is another, the data is cut short or damaged, or the image has more pixels
-        than `phasestereo.io.max_pixels` says.
+        If the encoding is different, the data is cut short or damaged, or the image has more pixels
+        than `phasestereo.io.max_pixels`.
     ImportError
         If the extra ``ros`` is not installed.
     """
@@ -103,7 +103,7 @@ def _decompressed(message: Any) -> Pixels:
 def _developed(
     data: NDArray[Any], encoding: str, shape: tuple[int, ...], *, is_bigendian: bool = False
 ) -> Pixels:
-    """Return samples without padding as an image; a Bayer pattern is interpolated."""
+    """Return samples without padding as an image; interpolate a Bayer pattern."""
     message = SimpleNamespace(
         height=shape[0],
         width=shape[1],
@@ -116,12 +116,12 @@ def _developed(
 
 
 def _short(name: str) -> str:
-    """Return a name of a message as an error shows it: its beginning, if it is long."""
+    """Return a name from a message for an error: its beginning, if it is long."""
     return repr(name) if len(name) <= _LONGEST_NAME else f"{name[:_LONGEST_NAME]!r}..."
 
 
 def encode_image(array: NDArray[Any]) -> dict[str, Any]:
-    """Return the fields of a ``sensor_msgs/Image`` that holds an array, but for its header.
+    """Return the fields, except the header, of a ``sensor_msgs/Image`` that holds an array.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What a pair of ``camera_info`` messages says: whether and how to rectify, and the geometry."""
+"""Read a pair of ``camera_info`` messages: whether and how to rectify, and the geometry."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from phasestereo.io.rigs.singles import cameras_of_pair
 from phasestereo.views.registering import ThirdCamera
 
 _RECTIFIED = re.compile(r"(?<![a-z])rect(ified)?(?![a-z])")
-_SAME = 1e-6  # relative: matrices that have been through text
-_ROWS_OFF = 0.5  # px: images whose rows differ by more are not rectified
+_SAME = 1e-6  # relative: for matrices that have been through text
+_ROWS_OFF = 0.5  # px: if rows differ by more, images are not rectified
 
 
 class RigGeometry(NamedTuple):
@@ -42,21 +42,21 @@ def geometry_of(
 ) -> RigGeometry:
     """Return the calibration of images of these topics from both messages.
 
-    Images are rectified already where the names of both topics say so (``image_rect``), or where
-    rectifying would change nothing. Binning and regions of interest change the matrices as ROS's
-    image_geometry does it.
+    Images count as rectified if the names of both topics say so (``image_rect``), or if rectifying
+    would change nothing. Binning and regions of interest change the matrices as in ROS's
+    image_geometry.
 
     Parameters
     ----------
     left, right
         The messages.
     topics
-        Those of the images.
+        The topics of the images.
     size
-        Columns and rows of the images; None: as the messages say.
+        Columns and rows of the images; None: those in the messages.
     baseline
-        How far the right camera is to the right of the left one and below it, m, as `baseline_of`
-        has it, where the messages say nothing of it.
+        Distances of the right camera to the right of the left one and below it, m, as from
+        `baseline_of`; used if the messages do not give them.
 
     Raises
     ------
@@ -92,16 +92,16 @@ def geometry_of(
 
 
 def third_camera(message: Any, left: Any, pose: Matrix) -> ThirdCamera:
-    """Return the camera of a ``camera_info``, whose images are as they came from it.
+    """Return the camera of a ``camera_info`` with raw images.
 
     Parameters
     ----------
     message
         Its message.
     left
-        That of the left camera, which R rectifies.
+        The message of the left camera, which R rectifies.
     pose
-        (4, 4), of its frame in that of the left camera, m.
+        (4, 4), pose of its frame in the frame of the left camera, m.
 
     Raises
     ------
@@ -127,7 +127,7 @@ def third_camera(message: Any, left: Any, pose: Matrix) -> ThirdCamera:
 
 
 def _document(message: Any) -> dict[str, Any]:
-    """Return a message as the reader of calibrations takes it; ROS 1 has capital letters."""
+    """Return a message in the form for the calibration reader; ROS 1 has capital letters."""
     names = "width", "height", "distortion_model", "binning_x", "binning_y"
     fields: dict[str, Any] = {name: getattr(message, name, None) for name in names}
     for name in "KDRP":
@@ -140,7 +140,7 @@ def _document(message: Any) -> dict[str, Any]:
 
 
 def _is_straight(matrices: Any, side: str) -> bool:
-    """Return whether rectifying images of a camera leaves them as they are."""
+    """Return whether rectifying images of a camera leaves them unchanged."""
     camera, rotation = matrices[f"K{side}"], matrices[f"R{side}"]
     projection = matrices[f"P{side}"][:, :3]
 

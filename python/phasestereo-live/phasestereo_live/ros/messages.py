@@ -1,7 +1,7 @@
-"""The messages that come out of a match, for recordings and for nodes alike.
+"""The output messages of a match, for recordings and nodes alike.
 
-What makes a message of a type and its fields is given: `RecordingWriter.make`, or what makes those
-of a node.
+The caller passes the function that makes a message from a type and its fields:
+`RecordingWriter.make`, or the one of a node.
 """
 
 from __future__ import annotations
@@ -62,16 +62,16 @@ def disparity_image(
 ) -> Any:
     """Return a ``stereo_msgs/DisparityImage``.
 
-    Its disparities are such that ``Z = f T / d``, as ROS has it: where the principal points of the
-    cameras differ, ``doffs`` is added to them, and to the ends of the range. What has no estimate
-    is ``min_disparity - 1``. Without a calibration f and T are 0.
+    Its disparities fulfill ``Z = f T / d``, as in ROS: where the principal points of the cameras
+    differ, they and the ends of the range include ``doffs``. Pixels without an estimate are
+    ``min_disparity - 1``. Without a calibration f and T are 0.
 
     Parameters
     ----------
     make
-        Makes a message of a type and its fields.
+        Makes a message from a type and its fields.
     header
-        That of the left image.
+        The header of the left image.
     result
         The match; it knows its range.
     calibration
@@ -80,7 +80,7 @@ def disparity_image(
     shift = 0.0 if calibration is None else calibration.doffs
     low, count = _range(result)
 
-    # ROS has no `doffs`: Z = f T / d must hold for what is sent.
+    # ROS has no `doffs`: Z = f T / d must hold for the sent disparities.
     found = result.disparity + np.float32(shift)
     found[~np.isfinite(result.disparity)] = np.float32(low + shift - 1)
 
@@ -121,7 +121,7 @@ def camera_info(make: Make, header: Header, camera: Calibration | ThirdCamera) -
     make, header
         As `disparity_image` takes them.
     camera
-        The geometry of rectified images of this size, whose left camera counts and has no
+        The geometry of rectified images of this size, of which the left camera counts, without
         distortion; or a third camera.
     """
     if isinstance(camera, Calibration):
@@ -161,11 +161,11 @@ def camera_info(make: Make, header: Header, camera: Calibration | ThirdCamera) -
 def ranged_depth(
     result: Result, calibration: Calibration, selection: Selection | None = None
 ) -> Map:
-    """Return depths as REP 117 and REP 118 have them, float32 (H, W).
+    """Return depths by REP 117 and REP 118, float32 (H, W).
 
-    +Inf is too far: what may be infinitely far, is beyond ``max_depth``, or has the smallest
-    disparity that was searched. -Inf is too near: nearer than ``min_depth``, or of the largest
-    disparity that was searched. NaN is not known: no estimate, or one that is not kept.
+    +Inf is too far: possibly infinite, beyond ``max_depth``, or at the smallest searched disparity.
+    -Inf is too near: nearer than ``min_depth``, or at the largest searched disparity. NaN is
+    unknown: the estimate is missing or not kept.
 
     Parameters
     ----------
@@ -174,8 +174,8 @@ def ranged_depth(
     calibration
         The geometry of the rectified pair.
     selection
-        Which estimates are kept; None: the trusted ones. Depths have the size of the image,
-        whatever its ``decimate``.
+        Which estimates to keep; None: the trusted ones. Depths have the size of the image, for any
+        ``decimate``.
     """
     chosen = selection or Selection()
     geometry = _ranging(result, calibration)
@@ -213,7 +213,7 @@ def in_space(
 ) -> dict[str, Any]:
     """Return depths and points by the names of their topics.
 
-    Of one pixel of a block of ``selection.decimate`` they are below ``decimated``, with the
+    With ``selection.decimate``, one pixel for each block, they are below ``decimated``, with the
     ``camera_info`` of images of that size.
 
     Parameters
@@ -229,9 +229,9 @@ def in_space(
     kinds
         "depth", "points", or both.
     encoding
-        That of the depths, one of `DEPTHS`.
+        The encoding of the depths, one of `DEPTHS`.
     selection
-        Which estimates are kept; None: the trusted ones.
+        Which estimates to keep; None: the trusted ones.
 
     Raises
     ------
@@ -303,7 +303,7 @@ def depth_image(make: Make, header: Header, depth: Map, encoding: str) -> Any:
     depth
         float32 (H, W), m, as `ranged_depth` has them.
     encoding
-        One of `DEPTHS`. Of mm, what is not a depth and 65.535 m and more is 0.
+        One of `DEPTHS`. In mm, pixels without a depth, or of 65.535 m and more, are 0.
     """
     if encoding == "32FC1":
         return image_of(make, header, depth)
@@ -318,8 +318,8 @@ def point_cloud2(
 ) -> Any:
     """Return a ``sensor_msgs/PointCloud2`` with one point a pixel.
 
-    As REP 117 has it, a point is NaN where nothing is known, and infinite where what is seen is
-    beyond the range: in the direction of its ray too far away, against it too near.
+    By REP 117, a point is NaN where it is unknown, and infinite where the scene is beyond the
+    range: along its ray if too far away, against it if too near.
 
     Its fields are those of ``stereo_image_proc``: x, y, z in m (X to the right, Y down, Z forward,
     as of an optical frame) and rgb.
@@ -378,7 +378,7 @@ def diagnostics(make: Make, header: Header, diagnosis: Diagnosis) -> Any:
     make, header
         As `disparity_image` takes them.
     diagnosis
-        What was found of the pair: blur, rows ("alignment"), exposure ("contrast", "saturation"),
+        The findings about the pair: blur, rows ("alignment"), exposure ("contrast", "saturation"),
         noise, texture.
     """
     topics = dict.fromkeys(found.topic for found in diagnosis.findings)
@@ -412,7 +412,7 @@ def _status(make: Make, diagnosis: Diagnosis, topic: str, numbers: Any) -> Any:
 
 
 def _flat(value: Any, name: str = "") -> list[tuple[str, float]]:
-    """Return the numbers of nested mappings by names such as left.bright; lists are left out."""
+    """Return the numbers of nested mappings by names such as left.bright; leave out lists."""
     if isinstance(value, dict):
         parts = [_flat(inner, f"{name}.{key}".strip(".")) for key, inner in value.items()]
         return [pair for part in parts for pair in part]

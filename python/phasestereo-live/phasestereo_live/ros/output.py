@@ -1,4 +1,4 @@
-"""What a recording gets: maps, depths and points of each frame, a diagnosis a second."""
+"""Write maps, depths and points of each frame to a recording, and a diagnosis each second."""
 
 from __future__ import annotations
 
@@ -38,26 +38,27 @@ class FrameWriter:
 
     Topics are those of ``stereo_image_proc``, in the namespace that both image topics share:
     ``disparity``, ``depth``, ``points2``, with the ``camera_info`` of all; and ``/diagnostics``. No
-    message of ROS has a place for confidences or error bars, so they are images (32FC1) of the
-    topics ``confidence`` and ``uncertainty``, with the header of the disparities.
+    ROS message has a place for confidences or error bars, so they are images (32FC1) on the topics
+    ``confidence`` and ``uncertainty``, with the header of the disparities.
 
     Parameters
     ----------
     writer
         The recording.
     topics
-        Those of the left and of the right images.
+        The topics of the left and the right images.
     kinds
-        Messages to write, of `KINDS`. A result without confidences has none, and no error bars.
+        Messages to write, from `KINDS`. A result without confidences yields no messages of them or
+        of error bars.
     depth_encoding
         "32FC1", m, or "16UC1", mm.
     selection
         Which pixels have depths and points, in m; with ``decimate`` these are below ``decimated``,
         with a ``camera_info`` of their size. None: the trusted ones.
     third
-        A third camera and the frame of its images: with the kind ``"depth"`` there are ``depth``,
-        ``near`` and ``far`` (the ends of the error bars), ``confidence`` and ``camera_info`` of it
-        below ``registered``, NaN without a depth. None: no such camera.
+        A third camera and the frame of its images: the kind ``"depth"`` adds its ``depth``,
+        ``near`` and ``far`` (the ends of the error bars), ``confidence`` and ``camera_info`` below
+        ``registered``, NaN without a depth. None: no such camera.
 
     Raises
     ------
@@ -95,10 +96,10 @@ class FrameWriter:
         frame
             The frame.
         header
-            That of its left image.
+            The header of its left image.
         calibration
-            The geometry of the rectified pair, the baseline in m. None: not known; there are
-            neither depths nor points then.
+            The geometry of the rectified pair, the baseline in m. None: unknown; it then writes
+            neither depths nor points.
 
         Raises
         ------

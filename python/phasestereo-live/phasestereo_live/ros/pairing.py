@@ -1,4 +1,4 @@
-"""Which frame of one camera belongs to which of the other: those of the same time."""
+"""Pair the frames of two cameras that have the same time."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ Message: TypeAlias = Any
 
 
 class Header(NamedTuple):
-    """The header of a message: when it was taken, ns since 1970, and its coordinate frame."""
+    """The header of a message: its capture time, ns since 1970, and its coordinate frame."""
 
     stamp: int
     frame_id: str
 
 
 class UnpairedError(ValueError):
-    """A frame of one camera without one of the other camera of the same time."""
+    """A frame of one camera without a frame of the other camera at the same time."""
 
 
 class Arrival(NamedTuple):
@@ -41,15 +41,15 @@ def paired(
     Parameters
     ----------
     arrivals
-        Messages in the order of recording; of each side in the order of time.
+        Messages in the order of recording; each side in the order of time.
     tolerance
-        By how many ns the stamps of a pair may differ.
+        Largest difference between the stamps of a pair, ns.
 
     Yields
     ------
     tuple
-        The header of the left message (of the only one that there is, if it has no partner), and
-        both messages, or what is wrong.
+        The header of the left message (of a message without a partner, its own), and both messages,
+        or the error.
     """
     waiting: tuple[deque[Arrival], deque[Arrival]] = (deque(), deque())
     for arrival in arrivals:
@@ -62,7 +62,7 @@ def paired(
         if len(waiting[arrival.side]) > _MOST_WAITING:
             yield _alone(waiting[arrival.side].popleft(), None, tolerance)
 
-    # The recording is over: whatever still waits has no partner.
+    # The recording is over: messages that still wait have no partner.
     for queue in waiting:
         while queue:
             yield _alone(queue.popleft(), None, tolerance)
@@ -71,7 +71,7 @@ def paired(
 def _ready(
     waiting: tuple[deque[Arrival], deque[Arrival]], tolerance: int
 ) -> Iterator[tuple[Header, tuple[Message, Message] | Exception]]:
-    """Yield what is decided: the oldest of both sides are a pair, or the older one is alone."""
+    """Yield the decided messages: the oldest of both sides pair up, or the older one is alone."""
     while waiting[0] and waiting[1]:
         left, right = waiting[0][0], waiting[1][0]
         apart = left.header.stamp - right.header.stamp

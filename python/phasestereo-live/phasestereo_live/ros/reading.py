@@ -1,13 +1,14 @@
 """Readers of recordings by the library rosbags, within bounds.
 
-The library trusts what a file says of its lengths, so it gets files that answer within bounds: how
-they begin is looked at first, and no piece is read that is longer than the file or than a record
-may be. The same holds for what is packed:
+The library trusts the lengths in a file, so it gets files that answer within bounds: they check the
+beginning first, and read no piece longer than the file or than the limit of a record. The same
+holds for packed data:
 
-- A chunk unpacks to the bytes that its record claims, a message of a packed recording to those that
-  its frame claims: at most `RECORD`, which is looked at before anything is unpacked.
-- Chunks that overlap in time, which the library holds together, unpack to four times `RECORD`.
-- A packed file, which the library unpacks to disk, becomes 100 times as long at most, or `RECORD`.
+- A chunk unpacks to the size in its record, a message of a packed recording to the size in its
+  frame: at most `RECORD`, checked before unpacking.
+- Chunks that overlap in time unpack to four times `RECORD`; the library holds them together.
+- A packed file, which the library unpacks to disk, grows to 100 times its size at most, or
+  `RECORD`.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from phasestereo.io.limits import RECORD
 _HEADS = {".mcap": b"\x89MCAP0\r\n", ".db3": b"SQLite format 3\0", ".bag": b"#ROSBAG V2.0\n"}
 SUFFIXES = tuple(_HEADS)
 
-_METADATA = 2**19  # bytes of a metadata.yaml at most, which has some hundreds for each topic
+_METADATA = 2**19  # bytes of a metadata.yaml at most; it has a few hundred for each topic
 _TOGETHER = 4 * RECORD
 _TIMES = 100  # recordings become a few times shorter; of zeros zstd makes a 30 000th
 
@@ -40,7 +41,7 @@ def reader_of(path: Path) -> Any:
     OSError
         If a file cannot be read.
     ValueError
-        If one does not begin as its suffix says, which SQLite would open by its name.
+        If one does not begin as its suffix requires; SQLite would open it by its name.
     ImportError
         If rosbags is not installed.
     """
@@ -52,7 +53,7 @@ def reader_of(path: Path) -> Any:
 
 
 class _Records(io.BufferedReader):
-    """A file of which no piece is read that is longer than a record may be, or than the file."""
+    """A file that reads no piece longer than the limit of a record, or than the file."""
 
     def read(self, size: int | None = -1, /) -> bytes:
         """Read up to a number of bytes; fewer at the end of a file."""
@@ -64,7 +65,7 @@ class _Records(io.BufferedReader):
 
 
 class _Place(type(Path())):  # type: ignore[misc]  # the system's kind of path
-    """A path whose files the library opens within bounds, those that a folder names, too."""
+    """A path; the library opens its files, and those that a folder names, within bounds."""
 
     def open(self, *_: Any, **__: Any) -> _Records:
         """Open a regular file to read its bytes."""
@@ -87,14 +88,14 @@ def _unpack(unpacker: Any, packed: bytes, claimed: int) -> bytes:
 
 
 def _ros1() -> Any:
-    """Return the class of what reads recordings of ROS 1."""
+    """Return the class that reads recordings of ROS 1."""
     module = require("rosbags.rosbag1.reader", extra="ros")
     unpackers = {
         "bz2": bz2.BZ2Decompressor,
         "lz4": require("lz4.frame", extra="ros").LZ4FrameDecompressor,
     }
 
-    # The library, whose classes these are, is imported when it is needed: its types are unknown.
+    # The library of these classes is imported only when needed: its types are unknown.
     class Ros1(module.Reader):  # type: ignore[misc, name-defined]
         def read_chunk(self) -> Any:
             """Return a chunk's position, and its unpacker to the size that its head claims."""
@@ -113,7 +114,7 @@ def _ros1() -> Any:
 
 
 def _ros2() -> Any:
-    """Return the class of what reads recordings of ROS 2."""
+    """Return the class that reads recordings of ROS 2."""
     module = require("rosbags.rosbag2.reader", extra="ros")
     mcap = require("rosbags.rosbag2.storage_mcap", extra="ros")
     lz4, zstd = require("lz4.frame", extra="ros"), mcap.zstd
@@ -138,7 +139,7 @@ def _ros2() -> Any:
 
     class Mcap(mcap.McapReader):  # type: ignore[misc, name-defined]
         def read_index(self) -> None:
-            """Read what chunks there are, too."""
+            """Also read the available chunks."""
             super().read_index()
             ends = [(one.message_start_time, one.uncompressed_size) for one in self.chunks]
             ends += [(one.message_end_time + 1, -one.uncompressed_size) for one in self.chunks]

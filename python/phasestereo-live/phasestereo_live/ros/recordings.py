@@ -1,4 +1,4 @@
-"""A recording as a source of pairs: two topics, paired by time, and what the cameras are."""
+"""A recording as a source of pairs: two topics, paired by time, and the cameras."""
 
 from __future__ import annotations
 
@@ -42,21 +42,22 @@ class Recording(CaptureSource[Pair]):
     captures, close, length, rate, ahead
         As those of a `CaptureSource`.
     topics
-        Those of the left and of the right images.
+        The topics of the left and the right images.
     headers
-        Of each pair by its number: that of its left message. Whoever needs one takes it out.
+        The header of each pair's left message, by the pair's number. Callers take out those they
+        need.
     cameras
-        What rectifies the pairs, for ``stream(..., rectify=)``; None: they are rectified already,
-        or the cameras are unknown.
+        The cameras to rectify the pairs by, for ``stream(..., rectify=)``; None: they are rectified
+        already, or the cameras are unknown.
     q
-        OpenCV's matrix Q of the rectified pairs, in m; None: not known.
+        OpenCV's matrix Q of the rectified pairs, in m; None: unknown.
     note
-        Remarks on the calibration; "" if there are none.
+        Remarks on the calibration; "" without remarks.
     third
-        The third camera and the frame of its images; None: none was asked for.
+        The third camera and the frame of its images; None: not requested.
     vertical
-        Whether the right camera is below the left one, for ``stream(..., vertical=)``; None: not
-        known.
+        Whether the right camera is below the left one, for ``stream(..., vertical=)``; None:
+        unknown.
     """
 
     topics: tuple[str, str]
@@ -92,12 +93,12 @@ def open_recording(
         if it is there. Images on ``image_rect`` count as rectified; others are raw. A baseline that
         it omits is taken from ``/tf_static``, or the transforms of RealSense's recordings.
     register
-        Topic of the ``camera_info`` of a third camera, as of a color camera, in whose frame depths
-        are wanted: where it is follows from ``/tf_static`` or the transforms of RealSense's
-        recordings. "": none.
+        Topic of the ``camera_info`` of a third camera, such as a color camera, to get depths in its
+        frame: its pose comes from ``/tf_static`` or the transforms of RealSense's recordings. "":
+        no third camera.
     tolerance
-        By how many seconds the stamps of a pair may differ, 0 or more. A frame without a partner is
-        one that failed.
+        Largest difference between the stamps of a pair, seconds, 0 or more. A frame without a
+        partner counts as failed.
 
     Returns
     -------
@@ -133,7 +134,7 @@ def open_recording(
         bag.close()
         raise
 
-    # Headers are filled in as captures are read, so that each frame finds its own.
+    # Reading a capture fills in its header, so each frame finds its own.
     headers: dict[int, Header] = {}
     captures = _captures(bag, (left, right), round(1e9 * tolerance), headers)
 
@@ -162,7 +163,7 @@ def _guessed(bag: Bag, path: StrPath) -> tuple[str, str]:
     Raises
     ------
     ValueError
-        If there are none, or several pairs of them.
+        If no pair exists, or several do.
     """
     images = [topic for topic, (kind, _) in bag.topics.items() if kind in _IMAGES]
     pairs = [
@@ -172,7 +173,7 @@ def _guessed(bag: Bag, path: StrPath) -> tuple[str, str]:
         if one in left and (right := left.replace(one, other)) in images
     ]
     whole = {left for left, _ in pairs}
-    # Of images that are there twice those that are not compressed count.
+    # If images exist twice, the uncompressed ones count.
     pairs = [(a, b) for a, b in pairs if a.removesuffix("/compressed") not in whole - {a}]
     if len(pairs) == 1:
         return pairs[0]
@@ -231,7 +232,7 @@ def _geometry(
 
 
 def _beside(bag: Bag, topics: tuple[str, str]) -> tuple[str, ...]:
-    """Return the topics of ``camera_info`` of both images: where they are, or should be."""
+    """Return the topics of ``camera_info`` of both images: the actual or the expected ones."""
     places = [info_topics(topic) for topic in topics]
     return next(
         (both for both in zip(*places, strict=True) if all(one in bag.topics for one in both)),
@@ -240,7 +241,7 @@ def _beside(bag: Bag, topics: tuple[str, str]) -> tuple[str, ...]:
 
 
 def _firsts(bag: Bag, topics: Sequence[str], of: Callable[[Any], Any]) -> dict[str, Any]:
-    """Return something of the first message of each topic that can be read."""
+    """Return a value from the first readable message of each topic."""
     found: dict[str, Any] = {}
     for item in bag.items(topics):
         if item.topic not in found:
@@ -286,7 +287,7 @@ def _pose(bag: Bag, topics: tuple[str, str], frames: tuple[str, str]) -> Matrix 
     if found is not None:
         return found
 
-    # RealSense's .bag has a transform beside each stream, from a stream of reference to it.
+    # RealSense's .bag has a transform beside each stream, from a reference stream to it.
     beside = [topic.rpartition("/image/")[0] + "/tf/" for topic in topics]
     names = {
         name: side
@@ -314,7 +315,7 @@ def _captures(
 
 
 def _arrivals(bag: Bag, topics: tuple[str, str]) -> Iterator[Arrival]:
-    """Yield what was recorded; a file that is damaged ends with its fault."""
+    """Yield the recorded messages; a damaged file ends with its error."""
     last = Header(0, "")
     try:
         for item in bag.items(topics):

@@ -1,4 +1,4 @@
-"""How two cameras stand to each other by the transforms of a recording."""
+"""The relative pose of two cameras from the transforms of a recording."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from phasestereo.io.rigs.cameras import Matrix
 
-_ACROSS = 0.05  # of the baseline: what rectified cameras may be off it, and radians of their turn
+_ACROSS = 0.05  # of the baseline: limit of rectified cameras' offset across it; radians of turn
 
 
 def pose_between(
@@ -20,7 +20,7 @@ def pose_between(
     Parameters
     ----------
     transforms
-        Of each its frame, the frame of its child, and a ``geometry_msgs/Transform``, the pose of
+        For each, its frame, the frame of its child, and a ``geometry_msgs/Transform``, the pose of
         the child in the frame.
     first, second
         Frames of cameras: X to the right, Z forward.
@@ -53,12 +53,12 @@ def baseline_of(pose: Matrix | None) -> tuple[float, float] | None:
     Parameters
     ----------
     pose
-        (4, 4), of the camera in the frame of the other one; None: it is not known.
+        (4, 4), of the camera in the frame of the other one; None: unknown.
 
     Returns
     -------
     tuple or None
-        One of both is 0. None: the pose is not known, or it stands neither beside nor below.
+        One of the two is 0. None: the pose is unknown, or the camera is neither beside nor below.
     """
     if pose is None or np.abs(pose[:3, :3] - np.eye(3)).max() > _ACROSS:
         return None

@@ -1,7 +1,7 @@
-"""Moving pictures in and out: what `stream` reads from, and where its frames may go.
+"""Video in and out: the sources that `stream` reads, and the outputs for its frames.
 
 Sources are video files and streams (`decoding`), folders of images (`folders`) and cameras
-(`cameras`), each a sequence of captures (`capture`) that fail one by one and not all at once;
+(`cameras`). Each is a sequence of captures (`capture`) that fail one by one, not all at once.
 `sources` recognizes them. Frames become pictures (`picture`), and pictures a video file
 (`writing`). Video files need PyAV, cameras OpenCV: the extra ``live``.
 """

@@ -13,7 +13,7 @@ from phasestereo_live.video.capture import Capture, CaptureSource, Image, Pair, 
 
 PATIENCE = 5
 """Frames in a row that may be missed before the cameras count as gone."""
-_PAUSE = 0.5  # seconds until a camera that is gone is tried again
+_PAUSE = 0.5  # seconds before another try of a camera that is gone
 
 
 def open_camera(number: int, patience: int | None) -> CaptureSource[Image]:
@@ -24,7 +24,7 @@ def open_camera(number: int, patience: int | None) -> CaptureSource[Image]:
     number
         Its number.
     patience
-        Frames in a row that it may miss before it counts as gone; None: it is waited for.
+        Frames in a row that it may miss before it counts as gone; None: wait for it.
 
     Raises
     ------
@@ -39,7 +39,7 @@ def open_camera(number: int, patience: int | None) -> CaptureSource[Image]:
 
 
 def open_cameras(left: int, right: int, patience: int | None) -> CaptureSource[Pair]:
-    """Open a camera for each view; frames are taken from both as close in time as can be.
+    """Open a camera for each view, and take frames from both as close in time as possible.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ def _open(numbers: Sequence[int]) -> list[Any]:
             _release(devices)
             raise OSError(f"camera {number}: cannot be opened")
 
-        device.set(cv2.CAP_PROP_BUFFERSIZE, 1)  # frames that wait are old; not all drivers obey
+        device.set(cv2.CAP_PROP_BUFFERSIZE, 1)  # waiting frames are old; not all drivers obey
 
     return devices
 
@@ -82,7 +82,7 @@ def _release(devices: Sequence[Any]) -> None:
 
 
 def _source(devices: Sequence[Any], captures: Iterator[Capture[Any]]) -> CaptureSource[Any]:
-    """Return a source that is never ahead: a frame that waits while another is matched is old."""
+    """Return a source that is never ahead: a frame that waits for a match to end is old."""
     rate = devices[0].get(require("cv2", extra="live").CAP_PROP_FPS)
     return CaptureSource(
         captures=captures,
@@ -97,7 +97,7 @@ def _captures(
     arrange: Callable[[list[Image]], Any],
     patience: int | None,
 ) -> Iterator[Capture[Any]]:
-    """Grab from all cameras, which is quick, before anything is decoded, which is not."""
+    """Grab from all cameras, which is quick, before decoding, which is slow."""
     start = monotonic()
     index = missed = 0
     while patience is None or missed < patience:
@@ -127,7 +127,7 @@ def _captures(
 
 
 def _try_again(numbers: Sequence[int], devices: Sequence[Any], gone: Sequence[int]) -> None:
-    """Open cameras again that deliver nothing any more, after a while."""
+    """Reopen, after a pause, cameras that no longer deliver."""
     sleep(_PAUSE)
     for number, device in zip(numbers, devices, strict=True):
         if number in gone:

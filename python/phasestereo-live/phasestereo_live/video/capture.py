@@ -1,4 +1,4 @@
-"""What a source gives: captures in the order of time, each of which may turn out to be damaged."""
+"""The captures of a source in the order of time; any of them may turn out to be damaged."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ class Capture(Generic[T]):
     Parameters
     ----------
     index
-        Its number in the source, from 0; captures that are lost have one, too.
+        Its number in the source, from 0; lost captures also have one.
     time
-        Seconds from the source's own zero, if that is known.
+        Seconds from the source's own zero, if known.
     take
         Returns an image, or a pair of them. Raises OSError or ValueError if it
-        is damaged. To be called at most once, before the next capture is asked for.
+        is damaged. Call it at most once, before you ask for the next capture.
     apart
-        Seconds between the two views of a pair, if that is known.
+        Seconds between the two views of a pair, if known.
     """
 
     index: int
@@ -46,15 +46,15 @@ class CaptureSource(Generic[T]):
     Parameters
     ----------
     captures
-        The captures. Their iterator raises nothing: what fails does so when it is taken.
+        The captures. Their iterator raises nothing: a damaged capture fails in its `take`.
     close
-        Frees what the source holds: files, cameras. Default: nothing is held.
+        Frees the files and cameras of the source. Default: the source holds nothing.
     length
-        Number of captures, if that is known beforehand.
+        Number of captures, if known beforehand.
     rate
-        Captures a second, if that is known.
+        Captures a second, if known.
     ahead
-        Whether captures may be taken before they are needed, by another thread.
+        Whether another thread may take captures before they are needed.
     """
 
     captures: Iterator[Capture[T]]
@@ -65,7 +65,7 @@ class CaptureSource(Generic[T]):
 
 
 def split(source: CaptureSource[Image], layout: Layout) -> CaptureSource[Pair]:
-    """Return a source of pairs from one whose pictures hold both views."""
+    """Return a source of pairs from a source of pictures with both views."""
 
     def cut(capture: Capture[Image]) -> Capture[Pair]:
         return Capture(capture.index, capture.time, lambda: views_of(capture.take(), layout))
@@ -80,7 +80,7 @@ def split(source: CaptureSource[Image], layout: Layout) -> CaptureSource[Pair]:
 
 
 def join(left: CaptureSource[Image], right: CaptureSource[Image]) -> CaptureSource[Pair]:
-    """Return a source of pairs from one for each view; it ends where the shorter one does."""
+    """Return a source of pairs from one source for each view; it ends with the shorter one."""
     lengths = [source.length for source in (left, right) if source.length is not None]
 
     def close() -> None:
@@ -97,7 +97,7 @@ def join(left: CaptureSource[Image], right: CaptureSource[Image]) -> CaptureSour
 
 
 def lost(index: int, time: float | None, error: Exception) -> Capture[Any]:
-    """Return a capture that is known to be lost."""
+    """Return a capture that is already lost."""
 
     def fail() -> Any:
         raise error

@@ -1,4 +1,4 @@
-"""Video files and network streams, decoded by PyAV so that no damaged frame shifts the count."""
+"""Decode video files and network streams with PyAV; damaged frames do not shift the count."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ def open_video(path: StrPath) -> CaptureSource[Image]:
     """Open a video file, or a stream at an address such as ``rtsp://...``.
 
     Frames are uint8, or uint16 where the video has more than 8 bits, (H, W) where it is gray, else
-    RGB (H, W, 3); turned upright where the file says how. Those of more pixels than
-    `phasestereo.io.max_pixels` says are lost, as damaged ones are.
+    RGB (H, W, 3); turned upright where the file has an orientation. Frames with more pixels than
+    `phasestereo.io.max_pixels` are lost, like damaged ones.
 
     Raises
     ------
@@ -37,11 +37,11 @@ def open_video(path: StrPath) -> CaptureSource[Image]:
     """
     av = require("av", extra="live")
     name = os.fspath(path)
-    # A frame of a few bytes may unpack to any size, and one is decoded to open the video.
+    # A frame of a few bytes may unpack to any size, and opening the video decodes one.
     bounded = {"max_pixels": str(min(max_pixels(), 2**31 - 1))}
     options = dict(bounded)
     if not is_address(name):
-        open_regular(name).close()  # says what is wrong in the words of the system
+        open_regular(name).close()  # reports errors in the words of the system
         options["protocol_whitelist"] = "file"  # playlists may name addresses
 
     try:
@@ -57,7 +57,7 @@ def open_video(path: StrPath) -> CaptureSource[Image]:
 
     stream = container.streams.video[0]
 
-    # By default decoders conceal damage; what is made up must not be measured.
+    # By default decoders conceal damage; invented pixels must not be measured.
     stream.codec_context.options = bounded | {"err_detect": "crccheck+explode"}
 
     rate = stream.average_rate or stream.guessed_rate
@@ -71,16 +71,16 @@ def open_video(path: StrPath) -> CaptureSource[Image]:
 
 
 def is_address(name: str) -> bool:
-    """Return whether a name is an address, and not that of a file."""
+    """Return whether a name is an address, not a file."""
     return "://" in name
 
 
 class _Decoder:
-    """Numbers the frames of a stream in the order in which they are shown.
+    """Numbers the frames of a stream in display order.
 
-    Each packet announces a frame, and the time at which it is shown. Decoders give frames in the
-    order of these times. So when one comes, all that were announced for earlier times and did not
-    come are lost, whether or not the decoder said so.
+    Each packet announces a frame and its display time. Decoders give frames in the order of these
+    times. So when a frame comes, all frames announced for earlier times that have not come are
+    lost, whether or not the decoder reported it.
     """
 
     def __init__(self, container: Any, stream: Any, rate: Fraction | None) -> None:
@@ -88,10 +88,10 @@ class _Decoder:
         self._stream = stream
         self._rate = rate
         self._announced: list[int] = []  # a heap of times
-        self._reasons: dict[int, str] = {}  # why the frame of a time is lost
+        self._reasons: dict[int, str] = {}  # for each time, the reason for the lost frame
         self._index = 0
 
-        # AVI has no such times, only an order of decoding: where the two differ, they are made up.
+        # AVI has only a decoding order: where the display order differs, the times are made up.
         reordered = getattr(stream.codec_context, "has_b_frames", False)
         self._timed = not (container.format.name == "avi" and reordered)
 
@@ -133,7 +133,7 @@ class _Decoder:
             yield self._capture(frame)
 
     def _missed(self, *, before: int | None) -> Iterator[Capture[Image]]:
-        """Yield the frames that were announced for times before this one and did not come."""
+        """Yield the frames announced for times before this one that did not come."""
         while self._announced and (before is None or self._announced[0] < before):
             time = heappop(self._announced)
             yield self._lost(time, self._reasons.pop(time, _UNTIMED))
@@ -155,7 +155,7 @@ class _Decoder:
 
 
 def _pixels(frame: Any) -> Image:
-    """Return the pixels of a frame: as gray and as deep as they are stored, upright."""
+    """Return the pixels of a frame upright, in their stored color format and bit depth."""
     deep = max(component.bits for component in frame.format.components) > 8
     if len(frame.format.components) == 1 and not frame.format.has_palette:
         form = "gray16le" if deep else "gray"

@@ -27,14 +27,14 @@ def open_folder(folder: Path) -> CaptureSource[Image]:
 
 
 def open_folders(left: Path, right: Path) -> CaptureSource[Pair]:
-    """Pair the images of two folders: by their names where these agree, else in their order.
+    """Pair the images of two folders: by name where names agree, else in order.
 
     Raises
     ------
     OSError
         If a folder cannot be read.
     ValueError
-        If one holds no image, or they hold different numbers of them and no name is in both.
+        If one holds no image, or they hold different numbers of images and share no name.
     """
     return _paired(pair_paths(left, right))
 

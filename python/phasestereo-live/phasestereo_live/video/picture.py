@@ -1,4 +1,4 @@
-"""Frames as pictures to look at, all of a video in the same colors."""
+"""Frames as pictures to look at, in the same colors throughout a video."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from phasestereo._images import as_pixels, as_rgb8
 from phasestereo.views.picture import NEUTRAL, colorize, hatched
 from phasestereo_live.video.streaming import Frame
 
-_STEPS = 256  # of the colors: one more stands for no estimate
+_STEPS = 256  # of the colors: one more means no estimate
 
 
 class FramePicture:
     """Puts the disparities of a frame, in color, beside its left image.
 
-    The colors are those of `phasestereo.views.picture.colorize`, looked up in a table. They mean
-    the same in every picture, so that a video does not flicker.
+    It looks up the colors of `phasestereo.views.picture.colorize` in a table. They mean the same in
+    every picture, so a video does not flicker.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ class FramePicture:
         self._colors = np.concatenate([colorize(ramp, low=low, high=high)[0], none])
 
     def __call__(self, frame: Frame) -> NDArray[np.uint8]:
-        """Return the picture: uint8 (H, 2 W, 3), RGB; hatched is what is not trusted."""
+        """Return the picture: uint8 (H, 2 W, 3), RGB; untrusted pixels are hatched."""
         disparity = frame.result.disparity
         steps = np.rint((disparity - np.float32(self._low)) * np.float32(self._scale))
         steps = np.where(np.isnan(steps), _STEPS, np.clip(steps, 0, _STEPS - 1))

@@ -1,4 +1,4 @@
-"""The frames of a stream rectified one after another, all by what the first of them showed."""
+"""Rectify the frames of a stream one after another, all in the same way as the first."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ class Rectifier:
     Parameters
     ----------
     calibration
-        What `rectify` takes as a calibration, or `Cameras`; "auto": the first pair whose images
-        show enough.
+        A calibration as `rectify` takes it, or `Cameras`; "auto": the first pair with enough detail
+        in its images.
     masks
         Masks of the raw images, left and right.
 
     Raises
     ------
     OSError, TypeError, ValueError
-        If there is no such calibration.
+        If the calibration does not exist or is invalid.
     """
 
     def __init__(
@@ -60,22 +60,22 @@ class Rectifier:
 
     @property
     def found(self) -> Rectification | None:
-        """The rectification, once a pair was good for one."""
+        """The rectification, once a pair was good enough for one."""
         return self._found
 
     @property
     def q(self) -> Matrix | None:
-        """OpenCV's matrix Q of the pairs that were rectified, if it is known."""
+        """OpenCV's matrix Q of the rectified pairs, if known."""
         return None if self._found is None else self._found.Q
 
     @property
     def vertical(self) -> bool | None:
-        """Whether the right camera is below the left one; None: nothing was rectified yet."""
+        """Whether the right camera is below the left one; None: before the first rectified pair."""
         return None if self._found is None else self._found.vertical
 
     @property
     def masks(self) -> dict[str, Any]:
-        """What is valid of the pairs that were rectified, as `phasestereo.match` takes it."""
+        """The valid pixels of the rectified pairs, as `phasestereo.match` takes them."""
         if self._found is None:
             return {}
         return {"left_mask": self._found.left_mask, "right_mask": self._found.right_mask}

@@ -1,4 +1,4 @@
-"""Which source a caller means: a path, a camera, or images that are at hand."""
+"""Recognize a caller's source: a path, a camera, or images in memory."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ def open_source(
     layout: Layout | None = None,
     patience: int | None = PATIENCE,
 ) -> CaptureSource[Pair]:
-    """Open what `phasestereo_live.stream` was given.
+    """Open the source passed to `phasestereo_live.stream`.
 
     Raises
     ------
     TypeError
-        If it is nothing of what is accepted, or the two views are of different kinds.
+        If it is of no accepted type, or the two views are of different kinds.
     ValueError
-        If a layout is unknown or has no effect, there is no video or no image, or one view is a
-        folder and the other a file.
+        If a layout is unknown or has no effect, the source has no video or no image, or one view is
+        a folder and the other a file.
     OSError
         If a file, a folder or a camera cannot be opened.
     ImportError
@@ -71,7 +71,7 @@ def open_source(
 def _open_given(
     source: Iterable[Any] | CaptureSource[Pair], layout: Layout | None
 ) -> CaptureSource[Pair]:
-    """Return the caller's source of pairs, or of images that hold both views."""
+    """Return the caller's source of pairs, or of images with both views."""
     if isinstance(source, CaptureSource):
         if layout is not None:
             raise ValueError(f"layout: got {layout!r} for a source of pairs; accepts None there")
@@ -124,7 +124,7 @@ def _is_folder(path: str | os.PathLike[str]) -> bool:
 
 
 def _at_hand(items: Iterable[Any], taken: Callable[[Any], Any]) -> CaptureSource[Any]:
-    """Return a source of what an iterable gives; what that raises is the caller's and passes."""
+    """Return a source of an iterable's items; the iterable's errors pass to the caller."""
     captures = (Capture(index, None, partial(taken, item)) for index, item in enumerate(items))
     length = len(items) if isinstance(items, Sized) else None
     return CaptureSource(captures=captures, length=length)

@@ -1,7 +1,7 @@
 """Many pairs in, a disparity map for each: videos, folders of images, cameras.
 
-A pair that cannot be had, or not be matched, is reported and skipped; the others keep their
-numbers. Where the pairs come from is the business of `phasestereo_live.video`.
+The stream reports and skips a pair that it cannot read or match; the others keep their numbers.
+`phasestereo_live.video` supplies the pairs.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ T = TypeVar("T")
 _LOG = logging.getLogger("phasestereo")
 _FAULTS = (OSError, ValueError, TypeError)
 """What may be wrong with one frame and not with the next."""
-_END: Any = object()  # what follows the last frame
+_END: Any = object()  # follows the last frame
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,17 +55,17 @@ class Frame:
     Parameters
     ----------
     index
-        Its number in the source, from 0. Frames that failed have a number, too.
+        Its number in the source, from 0. Failed frames also have a number.
     time
-        When it was taken, in seconds: since the beginning of the video, or since the cameras were
-        opened. None where the source does not say.
+        Capture time in seconds from the beginning of the video, or from the opening of the
+        cameras. None where the source does not give it.
     left, right
         The images, gray (H, W) or RGB (H, W, 3).
     result
-        What `phasestereo.match` returns for them.
+        The result of `phasestereo.match` for them.
     apart
-        Seconds between both views: of two cameras, how long the second one kept waiting after the
-        first had delivered. None where the source does not say.
+        Seconds between both views: for two cameras, the time from the first one's delivery to the
+        second one's. None where the source does not give it.
     """
 
     index: int
@@ -127,39 +127,40 @@ def stream(
 ) -> Stream:
     """Match every frame of a video, a folder of images, or a pair of cameras.
 
-    One `phasestereo.Rig` matches them all, and learns the geometry of the cameras. Frames that fail
-    are reported and skipped: damaged or missing ones, and those whose two images differ in size or
-    type although those of the first frame agree. Errors in the arguments are raised at once.
+    One `phasestereo.Rig` matches them all, and learns the geometry of the cameras. The stream
+    reports and skips frames that fail: damaged or missing ones, and those whose two images differ
+    in size or type although those of the first frame agree. It raises errors in the arguments at
+    once.
 
     Parameters
     ----------
     source
         - A video file, or an address such as ``rtsp://...``: each picture holds both views.
         - A folder of images: with both views in subfolders (``left`` and ``right``, or as in KITTI
-          and EuRoC) or in names that say ``left`` and ``right``; with ``layout``, images that hold
-          both views.
+          and EuRoC) or in names with ``left`` and ``right``; with ``layout``, images that hold both
+          views.
         - The number of a camera that delivers both views in each picture.
         - An iterable of pairs of images, or of their paths, as `match` takes them, or with
-          ``layout`` of images that hold both views. What it raises ends the stream.
+          ``layout`` of images that hold both views. Its exceptions end the stream.
         - A recording of a robot, as `phasestereo_live.ros.open_recording` opens it.
 
         With ``right``, the left view.
     right
-        The right view of a source of the same kind: a second video file, folder or camera. Frames
-        of videos are paired by their number, images by their names if some agree, else in order.
+        The right view of a source of the same kind: a second video file, folder or camera. The
+        stream pairs video frames by number, images by name if some names agree, else in order.
     layout
-        Where a picture that holds both views has them: ``"side-by-side"``, left and right halves,
-        or ``"top-bottom"``, the left view above. None: side by side.
+        The layout of a picture with both views: ``"side-by-side"``, left and right halves, or
+        ``"top-bottom"``, the left view above. None: side by side.
     rectify
         Rectify the frames first: by a calibration or a saved file, as `phasestereo.rectify` takes
-        them, by a `Rectification`, or by ``"auto"``, what the first frame with enough detail shows.
-        Frames and masks that are given are raw then, those that come out are rectified. None: they
-        are rectified already.
+        them, by a `Rectification`, or by ``"auto"``, from the first frame with enough detail. Input
+        frames and masks are then raw, and output frames are rectified. None: they are rectified
+        already.
     start, stop, every
         Frames to match, by number: from ``start`` up to but without ``stop``, each ``every``-th.
     reestimate
-        The blur is estimated again when a quick look shows a change, and at the latest this number
-        of frames after the last estimate; 1: every frame is matched by itself. See the notes.
+        The stream estimates blur again when a quick look shows a change, and at the latest this
+        number of frames after the last estimate; 1: it matches each frame by itself. See the notes.
     temporal_filter
         Whether to steady disparities where neither image has changed, as
         `phasestereo.TemporalFilter` does; ``frame.result.temporal_support`` shows where. False:
@@ -167,31 +168,31 @@ def stream(
     patience
         Frames in a row that cameras may miss before they count as gone; None: wait for them.
     on_error
-        Called with a `Failure` for every frame that fails; what it raises ends the stream. None:
-        it becomes a warning of the logger ``phasestereo``.
+        Called with a `Failure` for every frame that fails; its exceptions end the stream. None:
+        a failure becomes a warning of the logger ``phasestereo``.
     num_disparities, min_disparity, preset, settings, threads, left_mask, right_mask, **overrides
         As `match` takes them; masks hold for every frame.
     known
         Known facts of every frame.
     vertical
-        Whether the right camera is below the left one, as `match` takes it. None: it is where the
+        Whether the right camera is below the left one, as `match` takes it. None: it is if the
         first frames show it clearly, or the calibration says so.
     second, timeout
-        What makes a second map of every frame, and the seconds that it may take, as `match` takes
-        them; not a map. A frame for which it fails keeps our own map, with a finding. While a call
-        that took too long runs on, it is not called again. The rig and the temporal filter see our
-        own maps alone.
+        A callable that makes a second map of every frame, and its time limit in seconds, as `match`
+        takes them; not a map. If it fails, the frame keeps our own map, with a finding. While a
+        call that took too long still runs, the stream makes no other. The rig and the temporal
+        filter see only our own maps.
 
     Returns
     -------
     Stream
-        An iterator of `Frame`; a context manager, too, which frees the source at its end.
+        An iterator of `Frame`; also a context manager, which frees the source at its end.
 
     Raises
     ------
     TypeError, ValueError
         For a wrong argument, a file that is not a video, a folder without images, a picture that
-        cannot be cut in two, or what `match` refuses whatever the images hold.
+        cannot be cut in two, or arguments that `match` refuses for any images.
     OSError
         If a file, a folder or a camera cannot be opened.
     ImportError
@@ -200,20 +201,20 @@ def stream(
 
     Notes
     -----
-    A decoder finds only some kinds of damage. In a video whose frames build upon each other, those
-    after a damaged one may be wrong up to the next key frame; intra-coded video (MJPEG, H.264 with
-    key frames only) does not spread damage.
+    A decoder finds only some kinds of damage. In a video with frames that build upon each other,
+    those after a damaged one may be wrong up to the next key frame; intra-coded video (MJPEG, H.264
+    with key frames only) does not spread damage.
 
-    ``preset="robust"`` estimates blur; ``"fast"`` does without. Frames whose blur is as it was, at
-    a glance, take over the estimate of an earlier one, and say so:
-    ``frame.result.blur.reused``. A glance compares the powers of both images, by direction, in each
-    ninth of the image with what they were when blur was estimated. It misses what comes on in less
-    than a sixteenth of the image, sizes that change by less than a fifth or so, and changes of
-    noise or contrast that both images share: that is found ``reestimate`` frames later at most. If
-    the scene moves by many pixels, blur is estimated anew, too. Rows and the range of disparities
-    are followed by the stream's `phasestereo.Rig`, whose events say what changed. What a frame
-    gives thus depends on those before it, unless ``reestimate`` is 1 and ``temporal_filter`` False.
-    A frame that fails changes nothing of what is carried over.
+    ``preset="robust"`` estimates blur; ``"fast"`` does not. If a quick look shows no change, a
+    frame reuses the blur estimate of an earlier one: ``frame.result.blur.reused``. The look
+    compares the powers of both images, by direction, in each ninth of the image with those at the
+    estimate. It misses blur that appears in less than a sixteenth of the image, sizes that change
+    by less than about a fifth, and changes of noise or contrast that both images share: the stream
+    finds these at most ``reestimate`` frames later. It also estimates blur anew if the scene moves
+    by many pixels. The stream's `phasestereo.Rig` follows rows and the range of disparities, and
+    its events describe the changes. The result of a frame thus depends on earlier frames, unless
+    ``reestimate`` is 1 and ``temporal_filter`` False. A failed frame does not change the state that
+    later frames use.
 
     Examples
     --------
@@ -250,7 +251,7 @@ def stream(
         rig.settings, min_disparity, num_disparities, masks, as_known(known), vertical, other
     )
 
-    # Wrong arguments are refused before any source is opened.
+    # Refuse wrong arguments before opening any source.
     _try(given, width=None)
     rectifier = None if rectify is None else Rectifier(rectify, (left_mask, right_mask))
     opened = open_source(source, right, layout=layout, patience=patience)
@@ -271,7 +272,7 @@ def stream(
 
 @dataclass(frozen=True, slots=True)
 class _Given:
-    """What the caller says of every frame."""
+    """The caller's options for every frame."""
 
     settings: Settings
     min_disparity: int
@@ -285,8 +286,8 @@ class _Given:
 class Stream(Iterator[Frame], Closing):
     """The matched frames of a source, one after another; see `stream`, which makes it.
 
-    While a frame is matched, the next one of a file is read and decoded. What the source holds is
-    freed at its end, by `close`, at the end of a ``with`` block, or with the stream itself.
+    While it matches a frame of a file, it reads and decodes the next one. It frees the source at
+    its end, by `close`, at the end of a ``with`` block, or with the stream itself.
     """
 
     def __init__(
@@ -319,7 +320,7 @@ class Stream(Iterator[Frame], Closing):
 
     @property
     def length(self) -> int | None:
-        """Number of frames to match, if it is known; files may hold fewer than they say."""
+        """Number of frames to match, if known; files may hold fewer than they declare."""
         known, stop = self._source.length, self._wanted.stop
         if known is None and stop is None:
             return None
@@ -329,22 +330,22 @@ class Stream(Iterator[Frame], Closing):
 
     @property
     def rate(self) -> float | None:
-        """Frames a second of the source, if that is known."""
+        """Frames a second of the source, if known."""
         return self._source.rate
 
     @property
     def q(self) -> NDArray[np.float64] | None:
-        """OpenCV's matrix Q of the frames so far, if they are rectified here and it is known."""
+        """OpenCV's matrix Q of the frames so far, if the stream rectifies them and knows it."""
         return None if self._work.rectifier is None else self._work.rectifier.q
 
     @property
     def rig(self) -> Rig:
-        """The rig that matches the frames, with all that it has learned of the cameras."""
+        """The rig that matches the frames, with the geometry it has learned of the cameras."""
         return self._work.rig
 
     @property
     def rectification(self) -> Rectification | None:
-        """What rectifies the frames; None as long as there was none, or if they are not here."""
+        """The rectifier of the frames; None before the first, or if the stream does not rectify."""
         return None if self._work.rectifier is None else self._work.rectifier.found
 
     def change(self, settings: Settings, num_disparities: int | None) -> None:
@@ -360,7 +361,7 @@ class Stream(Iterator[Frame], Closing):
         Raises
         ------
         TypeError, ValueError
-            If `match` refuses that of such images.
+            If `match` refuses these for such images.
         """
         self._work.change(settings, num_disparities)
 
@@ -374,7 +375,7 @@ class Stream(Iterator[Frame], Closing):
 
 
 class _Work:
-    """The work of a stream. It has no reference to the stream, so that this can be freed."""
+    """The work of a stream. It does not refer to the stream, so Python can free the stream."""
 
     def __init__(
         self,
@@ -413,12 +414,12 @@ class _Work:
             self.rig.change(coming.settings, coming.num_disparities)
 
     def frames(self, wanted: slice) -> Generator[Frame]:
-        """Return the iterator of frames; errors common to all are raised at once."""
+        """Return the iterator of frames; raise errors common to all at once."""
         taken = self._taken(wanted)
         return self._matched(_ahead(self._peeked(taken)) if self._source.ahead else taken)
 
     def _taken(self, wanted: slice) -> Generator[_Taken]:
-        """Yield the wanted captures, and the images of each or what keeps them from being had."""
+        """Yield the wanted captures, each with its images or the error that prevents them."""
         for capture in islice(self._source.captures, wanted.start, wanted.stop, wanted.step):
             try:
                 yield capture, self._straight(*capture.take())
@@ -426,7 +427,7 @@ class _Work:
                 yield capture, error
 
     def _straight(self, left: ImageOrPath, right: ImageOrPath) -> Pair:
-        """Return a pair as it is to be matched."""
+        """Return a pair ready to match."""
         if self.rectifier is not None:
             left, right = self.rectifier.pair(left, right)
         views = as_views(opened(left), opened(right))
@@ -445,7 +446,7 @@ class _Work:
         return chain(first, taken)
 
     def _check(self, images: Pair | Exception) -> None:
-        """Raise what is wrong with the arguments, once it is known for what images they are."""
+        """Raise errors in the arguments, once the type and size of the images are known."""
         if self._checked or isinstance(images, Exception):
             return
 
@@ -453,13 +454,13 @@ class _Work:
         _try(self._given, width=self._width)
 
         for name, image in zip(("left_mask", "right_mask"), images, strict=True):
-            if self.rectifier is None:  # else they are of raw images
+            if self.rectifier is None:  # else they are for raw images
                 as_mask(self._given.masks[name], image.shape, name)
         self._checked = True
 
     @property
     def _vertical(self) -> bool | None:
-        """Whether the right camera is below the left one; None: it is not known."""
+        """Whether the right camera is below the left one; None: unknown."""
         if self._given.vertical is None and self.rectifier is not None:
             return self.rectifier.vertical
         return self._given.vertical
@@ -499,7 +500,7 @@ class _Work:
 
 
 def _ahead(items: Iterator[T]) -> Generator[T]:
-    """Yield items, and have another thread fetch each while the one before is in use."""
+    """Yield items; another thread fetches each while the one before is in use."""
     with ThreadPoolExecutor(1, thread_name_prefix="phasestereo-ahead") as thread:
         coming = thread.submit(next, items, _END)
         while (item := coming.result()) is not _END:
@@ -508,9 +509,9 @@ def _ahead(items: Iterator[T]) -> Generator[T]:
 
 
 def _try(given: _Given, *, width: int | None) -> None:
-    """Match a black row: what is refused now would be refused of any images.
+    """Match a black row: arguments that fail now would fail for any images.
 
-    Without a width, what depends on it is left to be seen.
+    Without a width, leave out the checks that depend on it.
     """
     count = given.num_disparities
     if width is None:

@@ -1,4 +1,4 @@
-"""Video files, written so that nothing that is in them is lost, whatever happens."""
+"""Write video files without losing finished pictures, even in a crash."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from phasestereo_live._closing import Closing
 
 SUFFIXES = (".mp4", ".m4v", ".mov", ".mkv")
 
-_CLOCK = 60_000  # ticks a second: nearly all there may be in MPEG-4 Part 2
-_TICK = _CLOCK // 1000  # least step that all of the formats can hold
-_CODECS = {  # the first that there is; constant quality, of the first kind near lossless
+_CLOCK = 60_000  # ticks a second: nearly the most that MPEG-4 Part 2 allows
+_TICK = _CLOCK // 1000  # smallest step that all of the formats can hold
+_CODECS = {  # the first available; constant quality, near lossless for the first kind
     "libx264": {"crf": "17", "preset": "veryfast", "tune": "zerolatency"},
     "mpeg4": {"b": "50M", "qmin": "2", "qmax": "4"},
 }
-# Whatever is complete goes to the disk at once. MP4 is written in fragments, each of which can be
-# played, and made an ordinary file at the end.
+# Complete pictures go to the disk at once. MP4 is written in playable fragments, and becomes an
+# ordinary file at the end.
 _OPTIONS = {"flush_packets": "1"}
 _FRAGMENTS = {"movflags": "hybrid_fragmented+frag_keyframe"}
 _KEY_SECONDS = 1
@@ -33,22 +33,22 @@ _KEY_SECONDS = 1
 class VideoWriter(Closing):
     """Writes pictures to a video file.
 
-    Until it is closed, pictures go to a file of the same name with ``.part`` before the suffix,
-    which can be played as far as it got if the process dies. Closing it, also when an error ends
-    the ``with`` block, completes it and puts it in its place; without a single picture, nothing is
-    written, and an earlier file stays.
+    Until you close it, pictures go to a file of the same name with ``.part`` before the suffix. If
+    the process dies, you can play that file up to where it ends. Closing, also when an error ends
+    the ``with`` block, completes the file and puts it in its place; without a single picture, it
+    writes nothing, and an earlier file stays.
 
     Parameters
     ----------
     path
         The file: .mp4, .m4v, .mov or .mkv. H.264, or MPEG-4 Part 2 where PyAV has no encoder.
     rate
-        Pictures a second, of those that are given no time.
+        Pictures a second, for pictures without a time.
 
     Raises
     ------
     OSError
-        If the folder does not exist, or the path is not that of a file.
+        If the folder does not exist, or the path is not a file.
     ValueError
         If the suffix is unknown, or the rate is not positive.
     ImportError
@@ -78,8 +78,8 @@ class VideoWriter(Closing):
         picture
             uint8 (H, W, 3), RGB; all of one size. Odd sides get one black row or column more.
         time
-            When it is shown, in seconds; the first picture is shown at 0. None: one after another
-            at the rate.
+            Display time in seconds; the first picture appears at 0. None: one after another at the
+            rate.
 
         Raises
         ------
@@ -101,7 +101,7 @@ class VideoWriter(Closing):
             wanted = f"{self._size[1]} x {self._size[0]}"
             raise ValueError(f"picture: got {cols} x {rows} pixels; accepts {wanted}, as before")
 
-        # The pixel format halves the colors, so that sides must be even.
+        # The pixel format halves the colors, so sides must be even.
         even = np.pad(picture, ((0, rows % 2), (0, cols % 2), (0, 0)))
         frame = require("av", extra="live").VideoFrame.from_ndarray(even, format="rgb24")
         frame.pts, frame.time_base = self._next(time), Fraction(1, _CLOCK)
@@ -131,7 +131,7 @@ class VideoWriter(Closing):
 
         stream = container.add_stream(codec, rate=self._rate, options=_CODECS[codec])
         stream.width, stream.height = cols + cols % 2, rows + rows % 2
-        stream.pix_fmt = "yuv420p"  # what every player can show
+        stream.pix_fmt = "yuv420p"  # every player can show it
         stream.codec_context.gop_size = max(1, round(_KEY_SECONDS * self._rate))
         stream.codec_context.time_base = stream.time_base = Fraction(1, _CLOCK)
 
@@ -145,7 +145,7 @@ class VideoWriter(Closing):
         self._container, self._stream, self._size = container, stream, (rows, cols)
 
     def _next(self, time: float | None) -> int:
-        """Return the time of the next picture in ticks: later than that of the one before."""
+        """Return the time of the next picture in ticks: later than the one before."""
         if time is None:
             ticks = self._ticks + round(_CLOCK / self._rate) if self._ticks >= 0 else 0
         else:
@@ -171,6 +171,6 @@ def _check(picture: NDArray[np.uint8], time: float | None) -> None:
 def _can_encode(av: Any, name: str) -> bool:
     try:
         av.Codec(name, "w")
-    except ValueError:  # there is no such codec
+    except ValueError:  # the codec does not exist
         return False
     return True

@@ -1,7 +1,7 @@
-"""What cameras see and what is found in it, while they run: a page for a browser on this machine.
+"""A browser page on this machine that shows running cameras and their results.
 
-`show` keeps what there is to show, `server` answers the browser, `diagnosing` looks at the pair
-beside the matches. The page itself is made of the templates ``viewer.*``.
+`show` keeps the state to show, `server` answers the browser, `diagnosing` diagnoses the pair
+alongside the matches. The templates ``viewer.*`` make the page itself.
 """
 
 from __future__ import annotations

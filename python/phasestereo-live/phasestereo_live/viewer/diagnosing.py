@@ -1,4 +1,4 @@
-"""The pair looked at beside its matches, as often as that leaves time for them."""
+"""Diagnose the pair alongside its matches, as often as their time allows."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from phasestereo.rig.diagnosis import check
 from phasestereo_live.viewer.show import Display
 
 _PAUSE = 1.0  # seconds
-_SHARE = 4.0  # times what a look takes: a fifth of one processor at most
+_SHARE = 4.0  # times the duration of a diagnosis: a fifth of one processor at most
 
 
 def diagnosing(show: Display) -> Thread:
-    """Start a thread that diagnoses the last pair again and again until the show is closed."""
+    """Start a thread that diagnoses the last pair again and again until the show closes."""
 
     def watch() -> None:
         index = None
@@ -24,7 +24,7 @@ def diagnosing(show: Display) -> Thread:
                 index = frame.index
                 show.diagnose(check(frame.left, frame.right))
 
-            # The longer a look takes, the longer matches are left alone.
+            # After a longer diagnosis, matches run undisturbed for longer.
             if show.wait_closed(max(_PAUSE, _SHARE * (monotonic() - start))):
                 return
 

@@ -1,4 +1,4 @@
-"""A frame as the page takes it: its maps, its images, and the geometry of its points."""
+"""A frame in the page's format: its maps, its images, and the geometry of its points."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from phasestereo.views.depths import YAW, ranging
 from phasestereo.views.page.scene import described
 from phasestereo_live.video.streaming import Frame
 
-_MOST = 1_000_000  # pixels: of larger frames the page gets every n-th of every n-th row
+_MOST = 1_000_000  # pixels: the page gets every n-th of every n-th row of larger frames
 _MAPS = "disparity", "confidence", "uncertainty"
 
 
@@ -28,7 +28,7 @@ def packed(
     calibration
         Its geometry, if that has the size of the frame; None: a nominal one.
     unit
-        That of the baseline.
+        The unit of the baseline.
     ends
         Disparities at the ends of the colors.
     """
@@ -65,7 +65,7 @@ def packed(
         },
         allow_nan=False,
     ).encode()
-    head += b" " * (-len(head) % 4)  # numbers of four bytes begin at multiples of four
+    head += b" " * (-len(head) % 4)  # four-byte numbers begin at multiples of four
 
     parts = [*(one[thin].astype("<f4") for one in maps.values()), *images]
     parts.append(result.flags[thin].astype("<u2"))

@@ -1,13 +1,14 @@
-"""What answers the browser: on this machine alone, and only who was let in.
+"""The server for the browser: on this machine only, and only for admitted browsers.
 
-The address has a key, which is exchanged for a cookie: ``http://127.0.0.1:PORT/KEY`` leads to
-``http://127.0.0.1:PORT/ROOM/``, where nothing is answered without the cookie. The key is in a
-file of this user alone and on the terminal, never in the command line of a browser, which every
-user of the machine can see. A cookie goes to all ports of a machine, so this one goes to the room
-alone, whose name nobody else knows. A page of another site, which a browser may send here too, has
-no cookie nor, with a name of its own for this machine (DNS rebinding), the right ``Host``.
+The browser exchanges the key in its address for a cookie: ``http://127.0.0.1:PORT/KEY`` leads to
+``http://127.0.0.1:PORT/ROOM/``, which answers nothing without the cookie. The key is in a file that
+only this user can read and on the terminal, never in the command line of a browser, which every
+user of the machine can see. Browsers send a cookie to all ports of a machine, so this one goes only
+to the room, and nobody else knows its name. A browser may also send requests here from a page of
+another site. These do not carry the cookie, and, under another name for this machine (DNS
+rebinding), not the right ``Host``.
 
-Whoever else connects can only wait: for some seconds, and as long as there is room.
+All other clients that connect can only wait: for some seconds, and while connections are free.
 """
 
 from __future__ import annotations
@@ -31,9 +32,9 @@ from phasestereo_live.video.streaming import Frame
 from phasestereo_live.viewer.show import RANGES, Display
 
 _HOME = "127.0.0.1"
-_LONGEST = 4096  # bytes of what a browser may send
-_PATIENCE = 10.0  # seconds that a question for news is left open
-_SILENCE = 20.0  # seconds after which a connection that says nothing is closed
+_LONGEST = 4096  # bytes that a browser may send
+_PATIENCE = 10.0  # seconds that a request for news stays open
+_SILENCE = 20.0  # seconds before a silent connection is closed
 _MOST = 32  # connections at a time; a browser opens six
 _COOKIE = "phasestereo"
 _HTML = "text/html; charset=utf-8"
@@ -57,9 +58,9 @@ class Server:
     Parameters
     ----------
     show
-        What is shown.
+        The show to serve.
     port
-        The port; 0: any that is free.
+        The port; 0: any free port.
 
     Raises
     ------
@@ -83,11 +84,11 @@ class Server:
 
     @property
     def address(self) -> str:
-        """Where the page is, for whoever is to be let in."""
+        """The address of the page, for the browsers to admit."""
         return f"http://{_HOME}:{self._port}/{self._key}"
 
     def write_link(self, path: Path) -> Path:
-        """Write a new file, which this user alone can read, that leads a browser to the page.
+        """Write a new file that leads a browser to the page; only this user can read it.
 
         Raises
         ------
@@ -99,12 +100,12 @@ class Server:
         return path
 
     def __enter__(self) -> Self:
-        """Begin to answer."""
+        """Start answering."""
         self._thread.start()
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Answer no more."""
+        """Stop answering."""
         self._server.shutdown()
         self._server.server_close()
         self._thread.join()
@@ -121,7 +122,7 @@ def _leading_to(address: str) -> bytes:
 
 
 class _Listener(ThreadingHTTPServer):
-    """Takes connections; where there are too many, the oldest of those without a cookie goes."""
+    """Takes connections; if they are too many, the oldest one without a cookie goes."""
 
     daemon_threads = True
     block_on_close = False
@@ -129,11 +130,11 @@ class _Listener(ThreadingHTTPServer):
 
     def __init__(self, *given: Any) -> None:
         self._lock = Lock()
-        self._connections: dict[Any, bool] = {}  # and which are of a browser that was let in
+        self._connections: dict[Any, bool] = {}  # True for admitted browsers
         super().__init__(*given)
 
     def process_request(self, request: Any, client_address: Any) -> None:
-        """Answer in a thread, if there is room or can be made."""
+        """Answer in a thread, if a connection is free or can be freed."""
         with self._lock:
             if len(self._connections) >= _MOST:
                 spare = next(
@@ -146,7 +147,7 @@ class _Listener(ThreadingHTTPServer):
         super().process_request(request, client_address)
 
     def recognize(self, request: Any) -> None:
-        """Keep a connection whatever others come."""
+        """Keep a connection even if others come."""
         with self._lock:
             if request in self._connections:
                 self._connections[request] = True
@@ -158,11 +159,11 @@ class _Listener(ThreadingHTTPServer):
         super().shutdown_request(request)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Say nothing of browsers that have gone."""
+        """Do not report browsers that have gone."""
 
 
 class _Answers:
-    """The answer to every question, and the deed for every request."""
+    """Answers every question, and carries out every request."""
 
     def __init__(self, show: Display) -> None:
         self._show = show
@@ -198,7 +199,7 @@ class _Answers:
         return json.dumps(state, allow_nan=False).encode()
 
     def _frame(self, _: dict[str, str]) -> bytes:
-        """Return the frame that is looked at, packed once however many look."""
+        """Return the frame on display, packed only once for all viewers."""
         with self._lock:
             frame = self._show.looked_at
             if frame is None:
@@ -218,7 +219,7 @@ class _Answers:
 
 
 def _is_same(one: str, other: str) -> bool:
-    """Compare secrets in a time that reveals nothing of them."""
+    """Compare secrets in a time that reveals nothing about them."""
     return secrets.compare_digest(one.encode("utf-8", "replace"), other.encode())
 
 
@@ -249,7 +250,7 @@ class _Handler(BaseHTTPRequestHandler):
             self._say_json(HTTPStatus.BAD_REQUEST, {"error": str(error)})
 
     def do_POST(self) -> None:
-        """Do something: only what a page of ours can ask for, as JSON."""
+        """Carry out a request, which only our own page can make, as JSON."""
         place = self._place()
         if place is None:
             return
@@ -278,7 +279,7 @@ class _Handler(BaseHTTPRequestHandler):
             self._say_json(HTTPStatus.BAD_REQUEST, {"error": " ".join(str(error).split())})
 
     def _place(self) -> tuple[str, dict[str, str]] | None:
-        """Return the request's path and method if the browser is allowed; else refuse it."""
+        """Return the request's path and method if the browser is admitted; else refuse it."""
         if self.headers.get("Host") not in self.answers.hosts:
             self._refuse(HTTPStatus.FORBIDDEN)
             return None
@@ -295,7 +296,7 @@ class _Handler(BaseHTTPRequestHandler):
         return name, {key: values[-1] for key, values in parse_qs(query).items()}
 
     def _let_in(self) -> None:
-        """Give the cookie, on a page of ours: browsers send it nowhere from pages of others."""
+        """Set the cookie, on our own page: browsers do not send it from pages of others."""
         cookie = f"{_COOKIE}={self.cookie}; Path=/{self.room}/; HttpOnly; SameSite=Strict"
         page = _leading_to(f"/{self.room}/")
         self._say(HTTPStatus.OK, _HTML, page, {"Set-Cookie": cookie})
@@ -326,4 +327,4 @@ class _Handler(BaseHTTPRequestHandler):
         self.wfile.write(content)
 
     def log_message(self, format: str, *arguments: Any) -> None:  # noqa: A002 - its name
-        """Say nothing: the terminal is for what is found."""
+        """Print nothing: the terminal is for findings."""

@@ -1,4 +1,4 @@
-"""What there is to show: the last frame, what failed, what was found; given to whoever waits."""
+"""The state to show: the last frame, failures and findings, for all waiting threads."""
 
 from __future__ import annotations
 
@@ -35,13 +35,13 @@ RANGES: Mapping[str, tuple[float, float]] = {
 """Settings of the page and their ranges; 0 disparities: estimated."""
 
 _ORDER = "ok", "note", "warning"
-_APART = 0.004  # seconds: below, a person who walks moves by some millimetres
-_FORGET = 5.0  # seconds after which a failure is no longer shown
-_SMOOTH = 0.8  # share of the rate so far
+_APART = 0.004  # seconds: in less, a walking person moves by a few millimeters
+_FORGET = 5.0  # seconds until a failure disappears
+_SMOOTH = 0.8  # weight of the rate so far
 
 
 class _Fault(NamedTuple):
-    """A failure: how often it came in a row, and when the last time."""
+    """A failure: its count in a row, and its last time."""
 
     text: str
     times: int
@@ -54,11 +54,11 @@ class Display:
     Parameters
     ----------
     settings
-        What frames are matched with.
+        The settings for matching frames.
     num_disparities
-        How many disparities are searched; None: found from the images.
+        Number of disparities to search; None: found from the images.
     folder
-        Where pairs are saved.
+        The folder for saved pairs.
     """
 
     def __init__(self, settings: Settings, num_disparities: int | None, folder: Path) -> None:
@@ -77,7 +77,7 @@ class Display:
         self._calibration: Calibration | None = None
         self._unit = ""
         self._rate = 0.0
-        self._last = math.nan  # when the last frame came
+        self._last = math.nan  # time of the last frame
         self._failed = 0
         self._failure = _Fault("", 0, -math.inf)
         self._notes: dict[str, str] = {}
@@ -86,14 +86,14 @@ class Display:
 
     @contextmanager
     def _news(self) -> Iterator[None]:
-        """Change something, and wake up whoever waits for it."""
+        """Change something, and wake up all threads that wait for it."""
         with self._changed:
             yield
             self._version += 1
             self._changed.notify_all()
 
     def follow(self, change: Change) -> None:
-        """Show coming frames, whose settings are changed by this."""
+        """Show the frames of a stream, and change their settings from here."""
         with self._news():
             self._change, self._ended = change, ""
 
@@ -115,7 +115,7 @@ class Display:
                 self._notes.pop("apart", None)
 
     def fail(self, failure: Failure) -> None:
-        """Show what failed, and how often one after the other."""
+        """Show a failure, and its count in a row."""
         text = " ".join(str(failure.error).split())
         with self._news():
             before = self._failure.times if text == self._failure.text else 0
@@ -128,33 +128,33 @@ class Display:
             self._notes[topic] = text
 
     def diagnose(self, diagnosis: Diagnosis) -> None:
-        """Show what was found out about the pair."""
+        """Show the findings about the pair."""
         with self._news():
             self._diagnosis = diagnosis
 
     def know(self, calibration: Calibration, unit: str) -> None:
-        """Show depths from now on; "" if the unit of the baseline is not known."""
+        """Show depths from now on; "" if the unit of the baseline is unknown."""
         with self._news():
             self._calibration, self._unit = calibration, unit
 
     def end(self, why: str) -> None:
-        """Show that no more frames come, and why."""
+        """Show that no more frames come, and the reason."""
         with self._news():
             self._ended = why
 
     def close(self) -> None:
-        """End it all: whoever waits gives up."""
+        """Close the show: all waiting threads give up."""
         with self._news():
             self.closed = True
 
     def wait(self, version: int, seconds: float) -> dict[str, Any]:
-        """Return everything that is shown, once it is newer than a version, or after some time."""
+        """Return the whole state once it is newer than a version, or after some time."""
         with self._changed:
             self._changed.wait_for(lambda: self.closed or self._version > version, seconds)
             return self._state()
 
     def wait_closed(self, seconds: float) -> bool:
-        """Wait to be closed; return whether it is."""
+        """Wait for the show to close; return whether it did."""
         with self._changed:
             return self._changed.wait_for(lambda: self.closed, seconds)
 
@@ -192,7 +192,7 @@ class Display:
         }
 
     def ends(self) -> tuple[int, int]:
-        """Return the disparities at the ends of the colors: those searched."""
+        """Return the disparities at the ends of the colors: the ends of the searched range."""
         frame = self.looked_at
         search = None if frame is None else frame.result.search
         if search is None:
@@ -248,7 +248,7 @@ class Display:
         )
 
         count = int(values["num_disparities"]) or None
-        # Settings that are refused raise here, and are not shown.
+        # Invalid settings raise here, and the page does not show them.
         if self._change is not None:
             self._change(settings, count)
 
@@ -256,25 +256,25 @@ class Display:
             self.settings, self.num_disparities = settings, count
 
     def hold(self, on: object) -> None:
-        """Keep the last frame, to be looked at and saved while others come; or keep none."""
+        """Keep the last frame, to view and save while others come; or keep none."""
         self.held = self.frame if on is True else None
 
     @property
     def looked_at(self) -> Frame | None:
-        """The frame that is kept, or the last one."""
+        """The kept frame, or the last one."""
         return self.held or self.frame
 
     def packed(self, frame: Frame) -> bytes:
-        """Return a frame as the page takes it."""
+        """Return a frame in the page's format."""
         return packed(frame, self._calibration, self._unit, self.ends())
 
     def save(self, *, report: bool = True) -> list[str]:
-        """Save the pair that is looked at, and the page of its match; nothing is replaced.
+        """Save the pair on display, and the page of its match; replace no file.
 
         Parameters
         ----------
         report
-            Whether the page is saved; pairs for a calibration need none.
+            Whether to save the page; pairs for a calibration do not need it.
 
         Returns
         -------
@@ -284,7 +284,7 @@ class Display:
         Raises
         ------
         OSError, ValueError
-            If there is no pair, or it cannot be written.
+            If no pair has come, or it cannot be written.
         """
         frame = self.looked_at
         if frame is None:
@@ -319,7 +319,7 @@ class Display:
 
 
 def _worst_first(found: Iterable[Finding]) -> list[list[str]]:
-    """Return topics, severities and sentences, each sentence once."""
+    """Return topics, severities and sentences, without repeated sentences."""
     asked: dict[str, list[str]] = {}
     for one in sorted(found, key=lambda one: -_ORDER.index(one.severity)):
         asked.setdefault(one.sentence, [one.topic, one.severity, one.sentence])
@@ -327,6 +327,6 @@ def _worst_first(found: Iterable[Finding]) -> list[list[str]]:
 
 
 def _free(folder: Path, stem: str) -> str:
-    """Return a name that no file of the folder begins with."""
+    """Return a name; no file name in the folder begins with it."""
     names = [stem, *(f"{stem}-{number}" for number in range(2, 10_000))]
     return next(name for name in names if not any(folder.glob(f"{name}[.-]*")))
