@@ -1,8 +1,8 @@
-"""Processes of this machine that work tasks off, and that nobody but their parent can reach.
+"""Processes of this machine that carry out tasks; only their parent can reach them.
 
-Each has a pipe to this process and no port: a worker runs whatever it is sent, so strangers who
-could connect to it would run what they like in our name. Each is an executor of its own, to which a
-thread hands tasks, so that one that dies, or takes too long, takes nothing else with it.
+Each has a pipe to this process and no port: a worker runs any task it receives, so strangers who
+could connect to it could run any code in our name. Each is a separate executor that gets its tasks
+from a thread, so a process that dies or takes too long does not affect the others.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from typing import Any, TypeAlias
 
 TaskResult: TypeAlias = Callable[[], Any]
 
-_GRACE = 5.0  # seconds beyond its time in which a task may end by itself
+_GRACE = 5.0  # seconds beyond its limit for a task to end by itself
 
 
 class WorkerDiedError(Exception):
@@ -43,14 +43,14 @@ class StartError(RuntimeError):
 
 @contextmanager
 def local(workers: int, seconds: float | None = None) -> Iterator[Processes]:
-    """Let processes of this machine work, and end them with the block.
+    """Run processes of this machine, and end them with the block.
 
     Parameters
     ----------
     workers
-        How many at most; each is started when there is a task for it.
+        Largest number of processes; each starts with its first task.
     seconds
-        How long a task may take until its process is ended; None: no limit.
+        Time limit of a task, after which its process is ended; None: no limit.
     """
     processes = Processes(workers, seconds)
     try:
@@ -73,15 +73,15 @@ class Processes:
         return len(self._every)
 
     def submit(self, key: str, function: Callable[..., Any], *arguments: Any) -> None:
-        """Let a process call a function, as soon as one is free."""
+        """Have a process call a function, as soon as one is free."""
         future = self._threads.submit(self._do, (function, arguments))
         future.add_done_callback(lambda done: self._ended.put((key, done)))
 
     def finished(self) -> tuple[str, TaskResult]:
-        """Wait for a task to end; return its key, and what returns or raises its result.
+        """Wait for a task to end; return its key, and a function that returns or raises its result.
 
-        That raises `WorkerDiedError` if the process died, `TimeoutError` if it took too long, and
-        what `pickle` raises if the task cannot be sent.
+        The function raises `WorkerDiedError` if the process died, `TimeoutError` if it took too
+        long, and the error of `pickle` if the task cannot be sent.
 
         Raises
         ------
@@ -94,7 +94,7 @@ class Processes:
         return key, future.result
 
     def close(self) -> None:
-        """End all processes, those at work, too."""
+        """End all processes, including busy ones."""
         for process in self._every:
             process.end()
         self._threads.shutdown(cancel_futures=True)
@@ -110,7 +110,7 @@ class Processes:
 
 
 class _Process:
-    """A process, which does one task after another; another one takes the place of a dead one."""
+    """A process that does one task after another; a new one replaces a dead one."""
 
     def __init__(self, seconds: float | None) -> None:
         self._seconds = seconds
@@ -144,7 +144,7 @@ class _Process:
             raise WorkerDiedError(f"its worker died: {self._ending()}") from error
 
     def end(self) -> None:
-        """End the process whatever it is at, and start no other one."""
+        """End the process, even if it is busy, and start no other one."""
         self._is_over = True
         self._kill()
 
@@ -155,7 +155,7 @@ class _Process:
             self._pool.shutdown()
 
     def _start(self, task: bytes) -> None:
-        """Start a process, which loads the code that the task needs: that is not in its time."""
+        """Start a process that loads the task's code: this does not count toward its time."""
         self._pool = ProcessPoolExecutor(1, get_context("spawn"), _begin)
         try:
             number = self._pool.submit(_load, task).result()
@@ -179,17 +179,17 @@ class _Process:
 
 
 def _ignore_interrupts() -> None:
-    """Keep Ctrl-C from what this thread starts: it is meant for the parent, which ends that."""
+    """Keep Ctrl-C from processes of this thread: it is for the parent, which ends them."""
     if hasattr(signal, "pthread_sigmask"):
         resource_tracker.ensure_running()  # starting it lets the signal through again
         signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
 
 
 def _begin() -> None:
-    """Begin a worker: it ends when its parent ends, however that comes about, and not by Ctrl-C.
+    """Begin a worker: it ends when its parent ends for any reason, and not by Ctrl-C.
 
-    That is ignored by a handler, since programs that a task starts would inherit the mask, or that
-    it is ignored.
+    A handler ignores Ctrl-C, since programs that a task starts would inherit a mask or an ignored
+    signal.
     """
     signal.signal(signal.SIGINT, lambda *_: None)
     if hasattr(signal, "pthread_sigmask"):

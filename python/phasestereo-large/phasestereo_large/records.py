@@ -1,7 +1,7 @@
-"""Files of records, one JSON object a line: appended to, and sound after any end of a process.
+"""Append-only files of records, one JSON object a line, that survive any end of a process.
 
-A record is in its file when `Appender.add` returns. Of a line that the end of a process has torn
-nothing is lost but itself: readers leave it out, and the next appender cuts it off.
+A record is in its file when `Appender.add` returns. If the end of a process tears a line, only
+that line is lost: readers leave it out, and the next appender cuts it off.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _hints = cache(get_type_hints)
 
 
 def read_lines(path: Path) -> Iterator[tuple[int, bytes]]:
-    """Yield the lines of a file with their numbers from 1, but for a last one that is torn.
+    """Yield the lines of a file with their numbers from 1, except a torn last one.
 
     Raises
     ------
@@ -46,14 +46,14 @@ def read_lines(path: Path) -> Iterator[tuple[int, bytes]]:
                     f"line {number} has {_LONGEST} bytes or more: not a file of records"
                 )
             is_torn = _is_torn(line) and (number > 1 or line.startswith(b"{"))
-            if not line or is_torn:  # a first line that begins otherwise is of something else
+            if not line or is_torn:  # a first line that begins otherwise is from something else
                 return
             yield number, line.rstrip(b"\r\n")
     raise ValueError(f"{path}: has more than {_MOST} lines: not a file of records")
 
 
 class Appender:
-    """Appends records to a file, which is made if it does not exist.
+    """Appends records to a file, and makes it if it does not exist.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ class Appender:
         last = _last_line(path)
         if _is_torn(last):
             self._file.truncate(path.stat().st_size - len(last))
-        elif last and not last.endswith(b"\n"):  # as an editor leaves it
+        elif last and not last.endswith(b"\n"):  # as an editor may leave it
             self._file.write(b"\n")
 
     def add(self, record: Mapping[str, Any]) -> None:
@@ -85,7 +85,7 @@ class Appender:
             If the disk is full.
         """
         line = encode(record)
-        if self._file.write(line) < len(line):  # the next one would continue a torn line
+        if self._file.write(line) < len(line):  # the next record would continue a torn line
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self._path))
 
     def close(self) -> None:
@@ -114,20 +114,20 @@ def decoded(  # noqa: C901, PLR0911 -- a step for each kind of type
     arrays: Mapping[str, NDArray[Any]] = MappingProxyType({}),
     others: Mapping[Any, Mapping[str, Any]] = MappingProxyType({}),
 ) -> Any:
-    """Return a value of JSON as a type has it: a dataclass with all its fields and no other one.
+    """Return a JSON value as a type: a dataclass with exactly its fields.
 
     Parameters
     ----------
     kind
-        The type: a dataclass, or what may be the type of a field.
+        The type: a dataclass, or a possible type of a field.
     value
         The value.
     name
-        What it is called in messages.
+        Its name in messages.
     arrays
-        What the names stand for that are in place of arrays.
+        The arrays, by the names that replace them in the value.
     others
-        Types of some fields of dataclasses, in place of those that these say.
+        Types of some fields of dataclasses, in place of the declared ones.
 
     Raises
     ------
@@ -166,12 +166,12 @@ def decoded(  # noqa: C901, PLR0911 -- a step for each kind of type
 
 
 def check_ranges(ranges: Mapping[str, bool]) -> None:
-    """Refuse what has a value out of its range, by the first name whose value is False.
+    """Refuse a value out of its range: the first name with the value False.
 
     Raises
     ------
     ValueError
-        If there is one.
+        If one is False.
     """
     for name, is_right in ranges.items():
         if not is_right:

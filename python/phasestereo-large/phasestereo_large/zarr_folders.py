@@ -1,7 +1,7 @@
-"""Arrays in folders of Zarr, which come from anyone: files are looked at before Zarr reads them.
+"""Arrays in untrusted Zarr folders: this module checks files before Zarr reads them.
 
-Metadata is read to a bound, and names what unpacks the chunks. Chunks are in regular files, by
-themselves or in shards, and say that they unpack to no more than their pixels take.
+It reads metadata up to a bound; they name the codec that unpacks the chunks. Chunks must be in
+regular files, alone or in shards, and must declare no more bytes than their pixels take.
 """
 
 from __future__ import annotations
@@ -38,15 +38,15 @@ def open_array(path: str, max_bytes: int) -> Any:
     OSError
         If metadata is in no regular file.
     ValueError
-        Or whatever Zarr raises, if it holds no array; if its chunks are packed in ways that
-        are not bounded.
+        Or any error of Zarr, if it holds no array; if its chunks are packed in ways that are not
+        bounded.
     ImportError
         If Zarr is not installed.
     """
     zarr = require("zarr", extra="large")
     packer = _packer(Path(path))
 
-    # Zarr, whose class this is, is imported when it is needed: its types are unknown.
+    # Zarr, the library of this class, is imported only when needed: its types are unknown.
     class Bounded(zarr.storage.LocalStore):  # type: ignore[misc, name-defined]
         async def get(self, key: str, prototype: Any = None, byte_range: Any = None) -> Any:
             most = SMALL if key.rpartition("/")[2] in _METADATA else max_bytes
@@ -55,14 +55,14 @@ def open_array(path: str, max_bytes: int) -> Any:
 
     array = zarr.open_array(Bounded(path, read_only=True), mode="r")
     if packer is not None:
-        # The public name of this is younger than the oldest version of Zarr that will do.
+        # The public name of this is newer than the oldest supported version of Zarr.
         for codec in array._async_array.codec_pipeline:
             _bound(codec, packer, _TIMES * array.dtype.itemsize)
     return array
 
 
 def _bound(codec: Any, packer: str, times: int) -> None:
-    """Have codecs check each chunk first, within shards too: the bytes a pixel."""
+    """Have codecs check the bytes a pixel of each chunk first, also within shards."""
     for inner in getattr(codec, "codecs", ()):
         _bound(inner, packer, times)
 
@@ -83,14 +83,14 @@ def _bound(codec: Any, packer: str, times: int) -> None:
 
 
 def _packer(folder: Path) -> str | None:
-    """Return the name of what packs whole chunks, as far as the metadata says."""
+    """Return the name of the codec for whole chunks, if the metadata name it."""
     for name in ("zarr.json", ".zarray"):
         if (folder / name).exists():
             with open_regular(folder / name) as file:
                 steps = [*_steps(json.loads(read_bounded(file, SMALL)))]
             break
     else:
-        return None  # which Zarr says in its own words
+        return None  # Zarr reports this in its own words
 
     packers = [step for step in steps if step not in _SAME_SIZE]
     if len(packers) > 1 or not {*packers} <= {*_CLAIMS}:
@@ -99,7 +99,7 @@ def _packer(folder: Path) -> str | None:
 
 
 def _steps(metadata: Any) -> Iterator[str]:
-    """Yield what is done to chunks, by name: in the second version of Zarr, or in the third."""
+    """Yield the steps for chunks by name, in the second or the third version of Zarr."""
     told = [metadata.get("compressor"), *(metadata.get("filters") or ())]
     for step in [*told, *(metadata.get("codecs") or ())]:
         if step is not None:
@@ -108,20 +108,20 @@ def _steps(metadata: Any) -> Iterator[str]:
 
 
 def _check_file(path: Path, most: int) -> None:
-    """Refuse what is not a regular file, or too long; a missing chunk holds fill values."""
+    """Refuse anything but a regular file, or a long one; a missing chunk holds fill values."""
     try:
         status = path.stat()
     except OSError:
         return
     refuse_special(path, status.st_mode)
-    if stat.S_ISDIR(status.st_mode):  # which Zarr takes for a chunk of fill values
+    if stat.S_ISDIR(status.st_mode):  # Zarr takes a folder for a chunk of fill values
         raise ValueError(f"{path}: a folder where a file should be")
     if status.st_size > most:
         raise ValueError(f"{path}: has {status.st_size} bytes; at most {most} are read")
 
 
 def _check_claim(chunk: Any, packer: str, most: int) -> None:
-    """Refuse a chunk that unpacks to more than its pixels need, or does not say to how much."""
+    """Refuse a chunk that unpacks to more than its pixels need, or does not declare its size."""
     try:
         needed = _CLAIMS[packer](bytes(chunk), most)
     except (struct.error, IndexError, zlib.error):
@@ -142,8 +142,8 @@ def _of_zstd(chunk: bytes, most: int) -> int:
 
 
 def _of_deflate(chunk: bytes, most: int) -> int:
-    """Return the bytes that unpack, up to the bound; of one member, as Zarr writes it."""
-    unpacker = zlib.decompressobj(wbits=47)  # whatever its header
+    """Return the unpacked bytes, up to the bound; of one member, as Zarr writes it."""
+    unpacker = zlib.decompressobj(wbits=47)  # with any header
     unpacked = len(unpacker.decompress(chunk, most + 1))
     return most + 1 if unpacker.unused_data else unpacked
 

@@ -1,4 +1,4 @@
-"""How to match within a limit on memory: on how many threads, in bands of how many rows."""
+"""Plan a match within a limit on memory: the number of threads, and the rows of a band."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _LEAST_CACHE = 16 * 2**20
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plan:
-    """The plan by which a pair is matched.
+    """The plan for matching a pair.
 
     Parameters
     ----------
@@ -37,20 +37,20 @@ class Plan:
     num_disparities
         Number of disparities searched.
     rows
-        Rows of a band, but for the last one.
+        Rows of a band, except the last one.
     threads
         Number of threads.
     memory
-        Bytes that the process has at most at any time, as expected.
+        Expected peak memory of the process, bytes.
     bands
-        Number of bands that are to be matched.
+        Number of bands to match.
     finished
-        Number of bands that an earlier run left finished.
+        Number of bands that an earlier run finished.
     seconds
-        Time that matching these bands takes, as expected.
+        Expected time for matching these bands.
     by_band
-        Whether that is from a band that was matched, and of what is left then; else from a small
-        part of the pair.
+        Whether that time comes from a matched band, and covers the remaining bands; else it comes
+        from a small part of the pair.
     """
 
     size: tuple[int, int]
@@ -74,42 +74,42 @@ def resident() -> int:
 
 
 def peak() -> int | None:
-    """Return the most bytes of memory that the process had; None: the system does not say."""
+    """Return the peak memory of the process, bytes; None: the system does not report it."""
     if find_spec("resource") is None:
         return None
-    import resource  # noqa: PLC0415  # Windows has none
+    import resource  # noqa: PLC0415  # not on Windows
 
     most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return most if sys.platform == "darwin" else most * 1024
 
 
 def cache(pair: RasterPair) -> int:
-    """Return the bytes that GDAL needs to keep, so that no block of a file is decoded twice."""
+    """Return the bytes that GDAL needs to keep to decode no block of a file twice."""
     return max(_LEAST_CACHE, 2 * sum(raster.block[1] for raster in pair.rasters))
 
 
 def fit(
     statistics: PairStatistics, pair: RasterPair, limit: int, *, threads: int, rows: int | None
 ) -> tuple[int, int, int]:
-    """Return rows of a band, threads, and the memory they take, of which the limit allows most.
+    """Return the largest rows of a band and threads within the limit, and the memory they take.
 
     Parameters
     ----------
     statistics
-        That of the pair.
+        The statistics of the pair.
     pair
         The pair.
     limit
         Bytes that the process may have.
     threads
-        Number of threads that may be used.
+        Largest number of threads.
     rows
         Rows of a band; None: the most that the limit allows.
 
     Raises
     ------
     ValueError
-        If the limit is too low whatever the band.
+        If the limit is too low for any band.
     """
     base = resident() + cache(pair) + _pieces(pair)
     most = min(LARGEST, -(-pair.size[0] // BAND_ROWS) * BAND_ROWS)
@@ -134,7 +134,7 @@ def fit(
 
 
 def _largest(low: int, high: int, fits: Callable[[int], bool]) -> int:
-    """Return the largest multiple of `BAND_ROWS` from low, which fits, to high that fits."""
+    """Return the largest multiple of `BAND_ROWS` that fits, from low, which fits, to high."""
     # Bisection: more rows take more memory.
     while low < high:
         middle = low + -(-(high - low) // (2 * BAND_ROWS)) * BAND_ROWS
@@ -164,7 +164,7 @@ def _hint(least: int, statistics: PairStatistics, pair: RasterPair) -> str:
         f"{' or '.join(remedies)}"
     )
 
-    # Blocks of many rows may be what takes most.
+    # Blocks of many rows may take the most.
     blocks = max(pair.rasters, key=lambda raster: raster.block[1])
     kept = cache(pair)
     if kept > _LEAST_CACHE and 2 * (kept + _pieces(pair)) > least - resident():

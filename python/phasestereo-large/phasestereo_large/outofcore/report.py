@@ -1,4 +1,4 @@
-"""What became of a run: all that is known of a map which is too large to be looked at."""
+"""The outcome of a run: the known facts about a map that is too large to view."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ class MapReport:
     Parameters
     ----------
     plan
-        How the pair was matched.
+        The plan of the match.
     statistics
-        What was known of the pair: settings, blur, the disparities searched.
+        The known facts about the pair: settings, blur, the disparities searched.
     files
         The files written, by their layer: ``"disparity"`` and those of `phasestereo.result.LAYERS`.
     estimated
@@ -29,11 +29,11 @@ class MapReport:
     flags
         Number of pixels under each flag.
     seconds
-        Wall-clock seconds of all bands, those of earlier runs, too.
+        Wall-clock seconds of all bands, including those of earlier runs.
     peak_memory
-        Bytes that this process had at most since it began; None: the system does not say.
+        Peak memory of this process since it began, bytes; None: the system does not report it.
     again
-        What an earlier run had finished and was missing or damaged, so that it was done again.
+        Work that an earlier run had finished, but that was missing or damaged and done again.
     """
 
     plan: Plan
@@ -46,7 +46,7 @@ class MapReport:
     again: tuple[str, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
-        """Return everything as JSON has it."""
+        """Return all fields in JSON form."""
         statistics, plan = self.statistics, self.plan
         return {
             "width": statistics.size[1],

@@ -1,4 +1,4 @@
-"""What a run is asked for: checked before anything is read, and compared with earlier runs."""
+"""The request for a run: checked before any reading, and compared with earlier runs."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from phasestereo_large.outofcore.sinks import check_suffix
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Request:
-    """All that the result of a run depends on.
+    """The inputs and options that determine the result of a run.
 
     Parameters
     ----------
     sources
         Left image, right image, left mask, right mask.
     outputs
-        Files by the layer that they are to hold.
+        Files by the layer to write to them.
     settings, min_disparity, num_disparities, known, bands
         As `phasestereo_large.outofcore.match` has it.
     """
@@ -40,7 +40,7 @@ class Request:
     bands: Sequence[int] | None
 
     def __post_init__(self) -> None:
-        """Check what nothing else does."""
+        """Check the values that nothing else checks."""
         for name in ("min_disparity", "num_disparities"):
             as_integer(name, getattr(self, name))
 
@@ -50,7 +50,7 @@ class Request:
             )
 
     def identity(self) -> dict[str, Any]:
-        """Return all of it as JSON has it: two runs of which it is the same have one result."""
+        """Return all of it in JSON form: two runs with the same form have the same result."""
         names = "left", "right", "left_mask", "right_mask"
         files = zip(names, self.sources, strict=True)
 
@@ -69,7 +69,7 @@ class Request:
 def as_outputs(
     paths: dict[str, StrPath | None], sources: Sequence[StrPath | None]
 ) -> dict[str, Path]:
-    """Return the outputs that are asked for by their layer, if they can all be written."""
+    """Return the requested outputs by layer, if all are writable."""
     taken = {os.path.realpath(path) for path in sources if path is not None}
     outputs = {layer: Path(path) for layer, path in paths.items() if path is not None}
 
@@ -85,7 +85,7 @@ def as_outputs(
 def _identity(path: StrPath) -> dict[str, Any]:
     """Return the identity of a file: its name, size and time.
 
-    The mask that GDAL finds beside a TIFF file counts, too.
+    The mask that GDAL finds beside a TIFF file also counts.
     """
     place = Path(os.path.realpath(path))
     if place.is_file():

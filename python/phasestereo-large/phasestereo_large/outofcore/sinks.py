@@ -1,7 +1,7 @@
-"""The files that come out: written by windows as drafts, read back, and only then given names.
+"""The output files: written by windows as drafts, read back, and only then renamed.
 
-GDAL does not report everything that goes wrong when a file is closed: so what was written is
-compared with what was meant.
+GDAL does not report every error when it closes a file, so the run compares the written values with
+the intended ones.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ _CHUNK = (WINDOW_ROWS, 2048)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sink:
-    """A file that is to be written.
+    """A file to write.
 
     Parameters
     ----------
@@ -55,9 +55,9 @@ class Sink:
     size
         Rows and columns.
     place
-        Where it lies.
+        Its georeferencing.
     run
-        What distinguishes the drafts of runs that have this output in common.
+        A name that distinguishes the drafts of runs that share this output.
     """
 
     path: Path
@@ -82,7 +82,7 @@ class Sink:
         return self.target.with_name(f".{self.target.name}.{self.run}.draft")
 
     def rehearse(self) -> None:
-        """Write a draft of one pixel and remove it: nothing else knows all that can go wrong."""
+        """Write a draft of one pixel and remove it: only this finds all possible errors."""
         pixel = np.zeros((1, 1), self.dtype)
         small = replace(self, size=(1, 1))
         try:
@@ -96,14 +96,14 @@ class Sink:
         Raises
         ------
         OSError
-            If it cannot be written; no draft is left then.
+            If it cannot be written; it then leaves no draft.
         """
         try:
             with ExitStack() as stack:
                 with self._blamed():
                     remove(self.draft)
                     write = stack.enter_context(_WRITERS[suffix(self.path)](self))
-                # What makes the windows has errors of its own, which the file is not to blame for.
+                # The maker of the windows has its own errors; do not blame the file for them.
                 for row, values in windows():
                     with self._blamed():
                         write(row, values)
@@ -130,7 +130,7 @@ class Sink:
 
     @contextmanager
     def _blamed(self) -> Iterator[None]:
-        """Name the file that could not be written, and the space it takes, in what is raised."""
+        """Add the file that could not be written, and the space it takes, to the error."""
         try:
             yield
         except (OSError, ValueError) as error:
@@ -144,12 +144,12 @@ class Sink:
 
 
 def place_of(path: Path) -> Path:
-    """Return the path of an output: a symbolic link stays, its target is replaced.
+    """Return the path of an output: a symbolic link stays, and its target is replaced.
 
     Raises
     ------
     OSError
-        If its folder does not exist, or something of another kind has its name.
+        If its folder does not exist, or something else has its name.
     """
     if suffix(path) == ".zarr":
         return target_of(path, "a Zarr array", _is_zarr)
@@ -161,13 +161,13 @@ def _is_zarr(path: Path) -> bool:
 
 
 def check_suffix(path: Path, name: str) -> None:
-    """Refuse a format that is not written by windows."""
+    """Refuse a format that cannot be written by windows."""
     if suffix(path) not in _WRITERS:
         raise ValueError(f"{name}: got {path}; accepts {', '.join(_WRITERS)}")
 
 
 def remove(path: Path) -> None:
-    """Remove a file, or the folder of a Zarr array, if it is there."""
+    """Remove a file, or the folder of a Zarr array, if it exists."""
     if path.is_dir():
         shutil.rmtree(path)
     else:

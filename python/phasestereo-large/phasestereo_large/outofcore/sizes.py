@@ -1,4 +1,4 @@
-"""Amounts of memory and of storage in words, and numbers of bytes of these words."""
+"""Convert sizes of memory and storage between words and numbers of bytes."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def as_bytes(size: int | str, name: str) -> int:
 
 
 def format_bytes(count: int) -> str:
-    """Return a number of bytes in words, rounded up in the last digit, so that it suffices."""
+    """Return a number of bytes in words, with the last digit rounded up to suffice."""
     for unit, size in (("GB", 10**9), ("MB", 10**6), ("kB", 10**3)):
         if count >= size:
             tenths = -(-count * 10 // size)

@@ -1,10 +1,10 @@
-"""What of a run is finished: a folder beside the output, which a kill at any moment leaves intact.
+"""The finished part of a run: a folder beside the output that survives a kill at any moment.
 
-Every file in it is written under another name, flushed to the disk and renamed. A band is finished
-when its block is there, whatever other bands are. The name of a file ends in a digest of what it is
-called, what it holds and which run it is of: one that was damaged, renamed or taken from another
-run is not believed, and what it held is matched again. The file ``run.json``, the first to come and
-the first to go, says what run it is: a folder without it is rubbish.
+The run writes every file under another name, flushes it to the disk and renames it. A band is
+finished when its block exists, independently of other bands. A file's name ends in a digest of its
+name, its contents and its run: the run rejects a file that was damaged, renamed or taken from
+another run, and matches its band again. The file ``run.json``, written first and removed first,
+names the run: a folder without it is garbage.
 """
 
 from __future__ import annotations
@@ -49,9 +49,9 @@ class Store:
     Parameters
     ----------
     folder
-        Where they are.
+        Their folder.
     identity
-        What the result of the run depends on.
+        The values that determine the result of the run.
     """
 
     def __init__(self, folder: Path, identity: Mapping[str, Any]) -> None:
@@ -59,7 +59,7 @@ class Store:
         self.again: list[str] = []
         """What is to be done again, and why, in words."""
         self._key = _key(identity)
-        self._files: dict[str, Path] = {}  # what is whole, by its name without digest and suffix
+        self._files: dict[str, Path] = {}  # whole files by name, without digest and suffix
 
     def recorded_identity(self) -> dict[str, Any] | None:
         """Return the request of this folder's run; None: no run, {}: damaged."""
@@ -76,7 +76,7 @@ class Store:
         return {}
 
     def check(self) -> None:
-        """Find out which files are whole, and which are to be done again."""
+        """Find the whole files, and those to do again."""
         self._files.clear()
         self.again.clear()
 
@@ -109,7 +109,7 @@ class Store:
     def bands(self) -> list[Rows]:
         """Return first and last row (exclusive) of the finished bands, from above.
 
-        Of two that overlap, as after a partial restore, one counts.
+        If two overlap, as after a partial restore, one counts.
         """
         found: list[Rows] = []
         for first, last in sorted(self._blocks()):
@@ -123,7 +123,7 @@ class Store:
         return [(above, below) for (_, above), (below, _) in pairwise(bands) if above < below]
 
     def pair_statistics(self, make: Callable[[], PairStatistics]) -> PairStatistics:
-        """Return the statistics of the pair; they are gathered once."""
+        """Return the statistics of the pair; gather them once."""
         if _STATISTICS in self._files:
             return self._whole(_STATISTICS, bands.load)
 
@@ -148,7 +148,7 @@ class Store:
         shutil.rmtree(self.folder, ignore_errors=True)
 
     def _blocks(self) -> Iterator[Rows]:
-        """Yield the rows of each block that is whole."""
+        """Yield the rows of each whole block."""
         for name in self._files:
             if kept := _BLOCK.fullmatch(name):
                 yield int(kept[1]), int(kept[2])
@@ -162,7 +162,7 @@ class Store:
 
     @contextmanager
     def _published(self, name: str, size: int) -> Iterator[Path]:
-        """Give the name of a draft, which becomes a file of this name when the block ends well."""
+        """Yield the name of a draft; it gets this name when the block ends without an error."""
         draft = self.folder / _DRAFT
         try:
             yield draft
@@ -178,7 +178,7 @@ class Store:
         self._files[name] = path
 
     def _whole(self, name: str, read: Callable[[Path], T]) -> T:
-        """Read a file of the folder; one that was damaged since it was checked ends the run."""
+        """Read a file of the folder; a file damaged since the check ends the run."""
         path = self._files[name]
         try:
             return read(path)
@@ -195,22 +195,22 @@ def opened(output: Path, identity: Mapping[str, Any], *, restart: bool) -> Itera
     Parameters
     ----------
     output
-        The file that comes out in the end.
+        The final output file.
     identity
-        What the result depends on, as JSON has it.
+        The values that determine the result, in JSON form.
     restart
-        Whether to drop what an earlier run finished.
+        Whether to drop the finished bands of an earlier run.
 
     Raises
     ------
     ValueError
         If an earlier run has finished bands, and differs in its identity.
     OSError
-        If another run is at work, or the folder cannot be made or is of something else.
+        If another run is active, or the folder cannot be made or belongs to something else.
     """
     target = place_of(output)
     folder = target.with_name(target.name + ".part")
-    # As it is read from the file: JSON has no tuples.
+    # In the form read from the file: JSON has no tuples.
     plain = json.loads(json.dumps(identity, default=np.generic.item))
 
     with _alone(folder):
@@ -258,7 +258,7 @@ def _prepare(store: Store, identity: dict[str, Any], *, restart: bool) -> None:
         raise ValueError(f"restart: got False, but {store.folder} holds finished blocks of a run "
                          f"with {differences}; accepts True to drop them")  # fmt: skip
 
-    # The name of the run goes first: without it the rest is rubbish, wherever this is killed.
+    # The name of the run goes first: without it the rest is garbage, even if a kill comes here.
     for file in sorted(found, key=lambda file: file.name != _RUN):
         file.unlink()
     if blocks and not restart:
@@ -267,7 +267,7 @@ def _prepare(store: Store, identity: dict[str, Any], *, restart: bool) -> None:
 
 
 def _begin(store: Store, identity: dict[str, Any]) -> None:
-    """Write into the folder which run it is of."""
+    """Write the identity of the run into the folder."""
     content = {"digest": _key(identity).hex(), "run": identity}
     draft = store.folder / _DRAFT
     try:
@@ -312,7 +312,7 @@ def _differences(earlier: dict[str, Any], now: dict[str, Any]) -> str:
 
 @contextmanager
 def _alone(folder: Path) -> Iterator[None]:
-    """Keep other runs from a folder, and remove it if no run is to be gone on from."""
+    """Keep other runs from a folder, and remove it if it holds no run to resume."""
     is_ours = False
     try:
         with locked(folder / _LOCK, require("filelock", extra="large")):

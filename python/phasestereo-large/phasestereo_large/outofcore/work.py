@@ -1,4 +1,4 @@
-"""The bands of a run: which are to be matched, matching them, and the map that they make up."""
+"""The bands of a run: choose them, match them, and assemble the map."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from phasestereo_large.outofcore.store import Store
 from phasestereo_large.statistics import PairStatistics
 from phasestereo_large.windows import RasterPair
 
-_SAMPLE = 2048  # columns of the part by which the speed of this machine is measured
+_SAMPLE = 2048  # columns of the part for measuring the speed of this machine
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,13 +35,13 @@ class Work:
     Parameters
     ----------
     pair, statistics
-        What is matched, and what is known of the whole of it.
+        The pair, and the known facts about all of it.
     store
-        What of it is finished.
+        The finished bands.
     layers
-        The layers of the result that are kept.
+        The layers of the result to keep.
     announce, progress
-        As `phasestereo_large.outofcore.match` has it.
+        As in `phasestereo_large.outofcore.match`.
     """
 
     pair: RasterPair
@@ -73,7 +73,7 @@ class Work:
         )
 
     def match_bands(self, plan: Plan) -> Plan:
-        """Match what is not finished; return the plan with the time that the first band took."""
+        """Match the remaining bands; return the plan with the time of the first band."""
         self._announce(plan)
         rows = plan.size[0]
         workers = _core.Workers(plan.threads)
@@ -87,7 +87,7 @@ class Work:
             done += _rows([band])
             self._report_progress(done, rows)
 
-            # The first band shows how long the others take.
+            # The first band predicts the time of the others.
             if not plan.by_band and done < rows:
                 pace = (perf_counter() - started) / _rows([band])
                 plan = replace(plan, seconds=pace * (rows - done), by_band=True)
@@ -152,8 +152,8 @@ class Work:
     def _seconds_a_pixel(self, band: int, threads: int) -> float:
         """Match a small part of the pair, to time a pixel of a band of this number of rows.
 
-        It is of the middle, since the margins of strips often have no data. Which disparities are
-        searched there makes no difference, so they are such as the part has.
+        It comes from the middle, since the margins of strips often have no data. The choice of
+        searched disparities makes no difference, so it searches ones that fit the part.
         """
         height, width = self.pair.size
         rows, across = min(height, planning.BAND_ROWS * threads), min(width, _SAMPLE)
@@ -176,13 +176,13 @@ class Work:
             known=Known(noise=1.0 if settings.noise_threshold > 0 else None),
         )
 
-        # Scaled to all disparities, and to the rows around a band that are matched with it.
+        # Scale to all disparities, and to the rows around a band that are matched with it.
         share = self.statistics.num_disparities / min(self.statistics.num_disparities, across)
         with_halo = 1 + 2 * halo(self.statistics.settings, self.statistics.blur_compensation) / band
         return (perf_counter() - started) / (rows * across) * share * with_halo
 
     def _within(self, every: int, done: int, band: tuple[int, int]) -> Progress | None:
-        """Return the progress of the whole from that of a band and the rows done before."""
+        """Return the overall progress from the progress of a band and the rows done before."""
         if self.progress is None:
             return None
 
