@@ -1,4 +1,4 @@
-"""What counts as an image: its sample types and its shapes."""
+"""The sample types and shapes of valid images."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _EXACT = 2**24  # float32 holds all integers up to here
 
 
 def channels(shape: tuple[int, ...]) -> int:
-    """Return the number of channels of an image of this shape, 0 if none has it."""
+    """Return the number of channels of an image of this shape, 0 if the shape is invalid."""
     match shape:
         case _ if 0 in shape:
             return 0
@@ -44,8 +44,8 @@ def as_samples(samples: NDArray[Any], valid: NDArray[np.bool_] | None = None) ->
     samples
         (H, W) or (H, W, C).
     valid
-        (H, W), True = counts; None: all do. What does not count may have a value that float32 does
-        not hold, as "no data" often has.
+        (H, W), True = counts; None: all do. Other samples may have a value that float32 cannot
+        hold, as "no data" often does.
 
     Raises
     ------

@@ -1,13 +1,12 @@
-"""PNG, PBM/PGM/PPM, JPEG, WebP and BMP through Pillow, no sample losing anything on the way.
+"""PNG, PBM/PGM/PPM, JPEG, WebP and BMP through Pillow, without loss in any sample.
 
-Pictures are turned as their EXIF orientation says: telephones store what they see lying on its
-side.
+Pictures are turned by their EXIF orientation: phones store them lying on their side.
 
-Two habits of Pillow are worked around. It narrows 16-bit color to 8 bits without a word, and it
-rescales Netpbm samples whose maximum is not 255 or 65535, which would change the disparities coded
-in them; its low-level decoders do neither, so they are asked for the samples as they are. And
-``Image.open`` warns of images above 89 megapixels and refuses them above 179, by a global limit;
-the class of the format does not, so that is what is called here, with the limit of
+This module works around two habits of Pillow. It silently narrows 16-bit color to 8 bits, and it
+rescales Netpbm samples with a maximum other than 255 or 65535, which would change disparities coded
+in them. Its low-level decoders do neither, so this module uses them to get the unchanged samples.
+And ``Image.open`` warns of images above 89 megapixels and refuses them above 179, by a global
+limit. The class of the format does not, so this module calls it, with the limit of
 `phasestereo.io`.
 """
 
@@ -23,7 +22,7 @@ from phasestereo._extras import require
 from phasestereo.io.limits import check_size, check_unpacked
 from phasestereo.io.pixels import Pixels, expand_bits, look_up
 
-# How a file starts -> Pillow's module for the format, and what opens the file there.
+# The first bytes of a file -> Pillow's module for the format, and its class that opens the file.
 _OPENERS = {
     b"\x89PNG\r\n\x1a\n": ("PIL.PngImagePlugin", "PngImageFile"),
     b"\xff\xd8\xff": ("PIL.JpegImagePlugin", "jpeg_factory"),
@@ -64,13 +63,13 @@ class _Tile(NamedTuple):
 def decode_raster(file: BinaryIO) -> NDArray[Any]:
     """Decode the only frame of an image: uint8 or uint16, (H, W), (H, W, 3) or (H, W, 4).
 
-    Pictures behind the first that are of other sizes, as the previews and gain maps that cameras
-    and telephones append, do not count as frames.
+    Later pictures of other sizes, such as the previews and gain maps that cameras and phones
+    append, do not count as frames.
 
     Raises
     ------
     ValueError
-        If the image has several frames, or samples that would not arrive as they are stored.
+        If the image has several frames, or samples that decoding would change.
     """
     first = _open(file)
     orientation = _orientation(first)
@@ -96,7 +95,7 @@ def decode_frames(file: BinaryIO) -> list[NDArray[Any]]:
     Returns
     -------
     list
-        The pictures, as `decode_raster` returns one; empty if the file holds one alone.
+        The pictures, as `decode_raster` returns one; empty if the file holds only one.
     """
     image = _open(file, frames=2)
     if getattr(image, "n_frames", 1) < 2:
@@ -113,7 +112,7 @@ def decode_frames(file: BinaryIO) -> list[NDArray[Any]]:
 
 
 def _orientation(image: Any) -> int:
-    """Return the EXIF orientation of an image; 0: it has none."""
+    """Return the EXIF orientation of an image; 0: not given."""
     # Without this test Pillow decodes a PNG to look behind its samples.
     found = image.getexif().get(_ORIENTATION) if "exif" in image.info else None
     return found if found in _TURNS else 0
@@ -147,7 +146,7 @@ def _open(file: BinaryIO, frames: int = 1) -> Any:
 
 
 def _check(image: Any, length: int) -> None:
-    """Refuse a picture that is too large, or larger than the bytes of its file can hold."""
+    """Refuse a picture too large, or larger than the bytes of its file can hold."""
     check_size(*image.size)
     bands = len(image.getbands())
     samples = bands if bands > 1 else 1 / 8  # gray levels and palettes may have one bit

@@ -25,7 +25,7 @@ _TAGS: dict[int, dict[str, Any]] = {
 }
 
 
-# What is wrong with a file is raised; without a handler, its log lines would reach the terminal.
+# Errors in a file are raised; without a handler, its log lines would reach the terminal.
 logging.getLogger("tifffile").addHandler(logging.NullHandler())
 
 _REDUCED, _SUBFILE = 1, 254
@@ -55,7 +55,7 @@ def is_geotiff(path: StrPath) -> bool:
 
 
 def geotiff() -> Any:
-    """Return the module that reads and writes GeoTIFF files: that of ``phasestereo-large``.
+    """Return the module that reads and writes GeoTIFF files, from ``phasestereo-large``.
 
     Raises
     ------
@@ -76,7 +76,7 @@ def decode_tiff(file: BinaryIO) -> NDArray[Any]:
     Raises
     ------
     ValueError
-        If there are several pages, parts of the page are missing, it is larger than may be or
+        If the file has several pages, parts of the page are missing, it exceeds the limit or
         unpacks to more than it needs, or its colors are not gray, RGB or a palette.
     """
     tifffile = require("tifffile", extra="io")
@@ -101,7 +101,7 @@ def decode_tiff(file: BinaryIO) -> NDArray[Any]:
 
 
 def _check_bounds(file: BinaryIO) -> None:
-    """Refuse what tifffile would unpack without a bound, before it does."""
+    """Refuse data that tifffile would unpack without a bound."""
     pages = [page for page in read_layout(file) if not page.number(_SUBFILE, 0) & _REDUCED]
     if len(pages) != 1:
         raise ValueError(f"the TIFF has {len(pages)} pages, and only one can be the image")
@@ -141,7 +141,7 @@ def _unpacks_beyond(file: BinaryIO, count: int, most: int) -> bool:
             rest = file.read(min(count, _PIECE))
             count -= len(rest) or count
 
-            # What is unpacked at a time is bounded; the rest of the input comes in the next turn.
+            # Each turn unpacks a bounded amount; the rest of the input comes in the next turn.
             while rest and not unpacker.eof:
                 total += len(unpacker.decompress(rest, _PIECE))
                 rest = unpacker.unconsumed_tail
@@ -153,14 +153,14 @@ def _unpacks_beyond(file: BinaryIO, count: int, most: int) -> bool:
 
 
 def _check_complete(page: Any) -> None:
-    """Refuse a page with strips or tiles left out: tifffile would fill them in without a word."""
+    """Refuse a page with strips or tiles left out: tifffile would silently fill them in."""
     sizes = page.databytecounts
     if not math.prod(page.chunked) == len(page.dataoffsets) == len(sizes) or 0 in sizes:
         raise ValueError("some strips or tiles of the TIFF page are missing")
 
 
 def _apply_photometric(samples: NDArray[Any], page: Any, photometric: Any) -> NDArray[Any]:
-    """Turn what the samples stand for into gray levels or RGB; a bit becomes 0 or 255."""
+    """Turn samples into gray levels or RGB; a bit becomes 0 or 255."""
     if page.photometric == photometric.PALETTE and samples.dtype == np.uint8:
         colors = page.colormap.T >> 8  # a palette holds 8-bit levels as 16 bits
         return look_up(colors.astype(np.uint8), samples)

@@ -1,8 +1,8 @@
-"""What a TIFF file says it holds, read and bounded before a decoder is let at it.
+"""Read and bound the declared contents of a TIFF file before a decoder sees it.
 
-Decoders follow the chain of directories wherever it leads, and allocate what a directory claims.
-Here the chain is followed once, no directory twice, no tag reaches beyond the end of the file, and
-the blocks (strips or tiles) are counted: what a picture takes is known then.
+Decoders follow the chain of directories anywhere, and allocate any size in a directory. This module
+follows the chain once, reads no directory twice and no tag beyond the end of the file, and counts
+the blocks (strips or tiles): then the size of a picture in memory is known.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ MAX_DIRECTORIES = 256
 """Directories of a file at most: a picture, its mask, and overviews of them."""
 
 _MOST_BLOCKS = 2**24
-_FREE_BLOCK = 2**22  # pixels that a block may have however small the picture
+_FREE_BLOCK = 2**22  # pixels that a block may have even in a small picture
 # Bytes of a value, by the number of its type; neither this module nor a decoder needs others.
 _SIZES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 6: 1, 7: 1, 8: 2, 9: 4, 10: 8, 11: 4, 12: 8, 13: 4,
           16: 8, 17: 8, 18: 8}  # fmt: skip
@@ -53,7 +53,7 @@ class Directory:
         The type, the number of values and the bytes of each tag, by its number; of those with many
         values where they begin in the file instead.
     order
-        Byte order, "<" or ">".
+        Byte order: "<" or ">".
     length
         Bytes of the file.
     """
@@ -76,7 +76,7 @@ class Directory:
 
     @property
     def has_pixels(self) -> bool:
-        """Whether it is of a picture, and not of tags alone."""
+        """Whether it belongs to a picture, not only to tags."""
         return _WIDTH in self.tags
 
     @property
@@ -170,12 +170,12 @@ class Directory:
 
 
 def read_layout(file: BinaryIO) -> list[Directory]:
-    """Return the directories of a TIFF file, of which none leads in a circle or out of the file.
+    """Return the directories of a TIFF file; refuse a chain in a circle or out of the file.
 
     Raises
     ------
     ValueError
-        If one does, there are none, or more than `MAX_DIRECTORIES`.
+        If the chain is such, or it is empty or longer than `MAX_DIRECTORIES`.
     """
     length = file.seek(0, os.SEEK_END)
     file.seek(0)
@@ -204,7 +204,7 @@ def read_layout(file: BinaryIO) -> list[Directory]:
 def _read_directory(
     file: BinaryIO, offset: int, order: str, length: int, *, big: bool
 ) -> tuple[dict[int, tuple[int, int, bytes | int]], int]:
-    """Return the tags of a directory, and where the next one is."""
+    """Return the tags of a directory, and the position of the next one."""
     # An entry has a tag, a type, a count and, in `inside` bytes, its value or where that is.
     word, step, inside = ("Q", 20, 8) if big else ("I", 12, 4)
     (count,) = struct.unpack(
@@ -226,7 +226,7 @@ def _read_directory(
             (where,) = struct.unpack(order + word, content)  # type: ignore[arg-type]
             if where + size > length:
                 raise ValueError(f"the TIFF's tag {tag} reaches beyond the end of the file")
-            # Long values, such as the places of all blocks, are read when they are needed.
+            # Long values, such as the positions of all blocks, are read only when needed.
             content = where if size > 2**12 else _bytes(file, where, size, length)
         tags.setdefault(tag, (kind, values if size else 0, content))
 
@@ -242,7 +242,7 @@ def _bytes(file: BinaryIO, offset: int, count: int, length: int) -> bytes:
 
 
 def check_whole(file: BinaryIO, directory: Directory) -> None:
-    """Refuse a picture that is too large to be read as a whole, or that its bytes cannot hold."""
+    """Refuse a picture too large to read as a whole, or too large for its bytes."""
     check_size(*directory.size)
     directory.check_blocks()
 

@@ -1,4 +1,4 @@
-"""A calibrated camera pair, and what OpenCV makes of it: maps that rectify its images, and Q."""
+"""A calibrated camera pair, and its rectification by OpenCV: the maps for its images, and Q."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _MIDDLE = 0.25, 0.75  # of the sides: where principal points of whole images lie
 
 
 class Warp(NamedTuple):
-    """The maps that rectify images of one size, and OpenCV's matrix Q (None: not known)."""
+    """The maps that rectify images of one size, and OpenCV's matrix Q (None: unknown)."""
 
     maps: Maps
     q: Matrix | None
@@ -44,20 +44,20 @@ class Cameras:
     Parameters
     ----------
     matrices
-        ``K1``, ``K2`` (3, 3) and ``D1``, ``D2`` (4, 5, 8, 12 or 14), the intrinsics; beside them
-        ``R`` (3, 3) and ``T`` (3, 1), which lead from the left camera to the right one, or a
-        rectification: ``R1``, ``R2`` (3, 3), ``P1``, ``P2`` (3, 4). Or the maps themselves:
-        ``map1x``, ``map1y``, ``map2x``, ``map2y`` (H, W). ``Q`` (4, 4) may be there, too.
+        ``K1``, ``K2`` (3, 3) and ``D1``, ``D2`` (4, 5, 8, 12 or 14), the intrinsics; with them
+        ``R`` (3, 3) and ``T`` (3, 1), from the left camera to the right one, or a rectification:
+        ``R1``, ``R2`` (3, 3), ``P1``, ``P2`` (3, 4). Or the maps themselves: ``map1x``, ``map1y``,
+        ``map2x``, ``map2y`` (H, W). ``Q`` (4, 4) is optional.
     size
         Columns and rows of the images, if the calibration has them.
     right_size
-        Those of the right images, where they differ.
+        Columns and rows of the right images, if they differ.
     fisheye
         Whether the distortion is that of ``cv2.fisheye``.
     unit
-        The unit of `T`, of the baseline in ``P2`` and of `Q`; None: not known.
+        The unit of `T`, of the baseline in ``P2`` and of `Q`; None: unknown.
     note
-        What there is to say of it; "" if nothing is.
+        A remark on the calibration; "" without one.
     also
         The same cameras for images of other sizes.
 
@@ -86,7 +86,7 @@ class Cameras:
         unit: LengthUnit | None = None,
         note: str = "",
     ) -> Cameras:
-        """Return the cameras of images that are rectified already, by their intrinsics, (3, 3)."""
+        """Return the cameras of already rectified images from their intrinsics, (3, 3)."""
         found: dict[str, Matrix] = {}
         for side, camera, x in (("1", left, 0.0), ("2", right, -baseline * right[0, 0])):
             found[f"K{side}"], found[f"D{side}"] = camera, np.zeros((5, 1))
@@ -94,7 +94,7 @@ class Cameras:
         return cls(matrices=found, size=size, unit=unit, note=note)
 
     def __post_init__(self) -> None:
-        """Refuse what is incomplete."""
+        """Refuse incomplete cameras."""
         if self._has(*MAPS):
             return
 
@@ -117,16 +117,16 @@ class Cameras:
         size
             Columns and rows of the left images.
         alpha
-            As ``cv2.stereoRectify`` has it. None: the rectification that the calibration has, or
-            else OpenCV's -1.
+            As in ``cv2.stereoRectify``. None: the rectification in the calibration, or else
+            OpenCV's -1.
         right
-            How right images of another size were brought to that of the left ones; None: they are
-            of this size.
+            The conversion of right images of another size to the size of the left ones; None: they
+            are of this size.
 
         Raises
         ------
         ValueError
-            If the calibration is of images of another size, or the left camera is on the right of
+            If the calibration is for images of another size, or the left camera is to the right of
             the other one, or below it.
         """
         if max(size) > _LONGEST_SIDE:
@@ -149,17 +149,17 @@ class Cameras:
         return Warp(maps, q_of(poses["P1"], poses["P2"]), is_below, notes)
 
     def geometry(self, size: tuple[int, int] | None) -> tuple[Calibration, tuple[str, ...]]:
-        """Return the geometry of the rectified pair, and what was assumed for it, in sentences.
+        """Return the geometry of the rectified pair, and its assumptions, in sentences.
 
         Parameters
         ----------
         size
-            Columns and rows of the images; None: as the calibration has them.
+            Columns and rows of the images; None: those of the calibration.
 
         Raises
         ------
         ValueError
-            As `warp`; if the size is not known, or there is no baseline.
+            As `warp`; if the size or the baseline is unknown.
         """
         wanted = size or (self._known and self._known[0])
         if wanted is None:
@@ -180,7 +180,7 @@ class Cameras:
     def at(
         self, size: tuple[int, int], right: RightView | None = None
     ) -> tuple[Cameras, tuple[str, ...]]:
-        """Return the cameras for images of this size (columns, rows), and what was assumed.
+        """Return the cameras for images of this size (columns, rows), and the assumptions.
 
         Parameters
         ----------
@@ -190,7 +190,7 @@ class Cameras:
         Raises
         ------
         ValueError
-            If the calibration is of images that have other proportions.
+            If the calibration is for images of other proportions.
         """
         notes = (self.note,) if self.note else ()
         wanted = size, right.size if right else size
@@ -221,7 +221,7 @@ class Cameras:
 
     @property
     def _known(self) -> tuple[tuple[int, int], tuple[int, int]] | None:
-        """Columns and rows of the left and of the right images, if they are known."""
+        """Columns and rows of the left and the right images, if known."""
         size = self.size
         if self._has(*MAPS):
             rows, cols = self.matrices[MAPS[0]].shape
@@ -234,7 +234,7 @@ class Cameras:
         Raises
         ------
         ValueError
-            If one lies outside of the images: they are of another size.
+            If one lies outside the images: they are of another size.
         """
         notes: tuple[str, ...] = ()
         for side, size in zip("12", sizes, strict=True):
@@ -254,7 +254,7 @@ class Cameras:
         return notes
 
     def _scaled(self, sizes: tuple[tuple[int, int], tuple[int, int]]) -> Cameras:
-        """Return the cameras for the same images at other sizes than those that are known."""
+        """Return the cameras for the same images at sizes other than the known ones."""
         left, right = map(_scaling, self._known or (), sizes)
         found = {
             name: (right if name[1] == "2" else left) @ matrix if name[0] in "KP" else matrix
@@ -276,7 +276,7 @@ class Cameras:
         return all(name in self.matrices for name in names)
 
     def _is_straight(self) -> bool:
-        """Return whether the rectification leaves images as they are, to the bit."""
+        """Return whether the rectification leaves images unchanged, to the bit."""
         return all(
             np.array_equal(self.matrices[f"K{side}"], self.matrices[f"P{side}"][:, :3])
             and np.array_equal(self.matrices[f"R{side}"], np.eye(3))
@@ -285,8 +285,8 @@ class Cameras:
         )
 
     def _poses(self, size: tuple[int, int], alpha: float | None) -> Mapping[str, Matrix]:
-        """Return the rectification: that which the calibration has, or a new one."""
-        # An alpha asks for another rectification than the calibrated one, if there is a pose.
+        """Return the rectification: the one in the calibration, or a new one."""
+        # If the pose is known, an alpha asks for a rectification other than the calibrated one.
         if self._has(*RECTIFIED) and (alpha is None or not self._has(*POSE)):
             return self.matrices
 
@@ -325,7 +325,7 @@ class Cameras:
 
 
 def _scaling(known: tuple[int, int], size: tuple[int, int]) -> Matrix:
-    """Return the matrix that leads from pixels of images of one size to those of another."""
+    """Return the matrix that maps pixels of images of one size to those of another."""
     x, y = (new / old for new, old in zip(size, known, strict=True))
     # The center of the first pixel is (0, 0), its corner (-0.5, -0.5).
     return np.array([[x, 0, (x - 1) / 2], [0, y, (y - 1) / 2], [0, 0, 1]])
@@ -336,12 +336,12 @@ def _in_words(sizes: tuple[tuple[int, int], ...]) -> str:
 
 
 def q_of(left: Matrix, right: Matrix) -> Matrix | None:
-    """Return OpenCV's matrix Q of two rectified cameras; None where they have no baseline.
+    """Return OpenCV's matrix Q of two rectified cameras; None without a baseline.
 
     Raises
     ------
     ValueError
-        If the left one is on the right, or below the other one.
+        If the left one is to the right of the other one, or below it.
     """
     if left.shape != (3, 4) or right.shape != (3, 4):
         return None
@@ -360,13 +360,13 @@ def q_of(left: Matrix, right: Matrix) -> Matrix | None:
     focal, row = left[0, 0], left[0, 0] / left[1, 1]
     q = np.diag([1.0, row, 0.0, 0.0])
     q[:3, 3] = -left[0, 2], -left[1, 2] * row, focal
-    # By the focal length along the baseline, which is fy where that is vertical.
+    # By the focal length along the baseline: fy for a vertical one.
     q[3, 2:] = -focal / baseline, (left[axis, 2] - right[axis, 2]) * focal / baseline
     return q
 
 
 def is_vertical(left: Matrix, right: Matrix) -> bool:
-    """Return whether the projections of two rectified cameras have one above the other."""
+    """Return whether the projections place one rectified camera above the other."""
     if left.shape != (3, 4) or right.shape != (3, 4):
         return False
 

@@ -1,6 +1,6 @@
-"""Files of named values: YAML, JSON, XML, INI, ``.npz``, ``.mat``, folders; nothing in them is run.
+"""Files of named values: YAML, JSON, XML, INI, ``.npz``, ``.mat``, folders. Runs no code.
 
-`cv2.FileStorage` is not used: that of OpenCV 5.0 ends the process on 50 kB of open brackets.
+It does not use `cv2.FileStorage`: in OpenCV 5.0 it ends the process on 50 kB of open brackets.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ ACCEPTED = (
     "YAML; FoundationStereo's K.txt; MATLAB's .mat; a COLMAP model or Metashape's XML of two "
     "images; a saved rectification"
 )
-_MOST_TEXT = 2**17  # bytes: YAML is read slowly, and calibrations have some thousands
+_MOST_TEXT = 2**17  # bytes: YAML is slow to read, and calibrations have a few thousand
 _DEEPEST = 32  # lists and mappings in each other
 _MOST_FILES = 64  # of a folder
 _MAP_BYTES = 16 + 16 + 26  # of a pixel: two maps, and images of three floats with a mask each
@@ -57,14 +57,14 @@ _FOREIGN = {
 
 
 def read_document(path: StrPath) -> Document:
-    """Read what a file, or a folder of ``.npy`` files, holds by name.
+    """Read the contents of a file, or of a folder of ``.npy`` files, by name.
 
     Raises
     ------
     OSError
         If it cannot be read.
     ValueError
-        If it is damaged, too large, or nothing of `ACCEPTED`.
+        If it is damaged, too large, or not in `ACCEPTED`.
     ImportError
         If it is YAML, and the extra ``rectify`` is not installed; if it is a ``.mat`` file or a
         model of COLMAP, and scipy or pycolmap is not installed.
@@ -90,7 +90,7 @@ def of_text(text: str) -> Document:
     Raises
     ------
     ValueError
-        If it is damaged, or nothing of that.
+        If it is damaged, or in none of these formats.
     """
     body = re.sub(r"(?m)\A(?:\s*#.*\n)+", "", text).strip()
     if body.startswith("{") and (found := _of_braces(body)) is not None:
@@ -132,7 +132,7 @@ def _text(file: BinaryIO) -> str:
             raise ValueError(f"is {kind}; accepts {ACCEPTED}")
     try:
         text = content.decode("utf-8-sig")
-    except ValueError as error:  # of what cannot be decoded, too
+    except ValueError as error:  # also for text that cannot be decoded
         raise ValueError(f"is not text; accepts {ACCEPTED}") from error
 
     if "\0" in text:
@@ -172,7 +172,7 @@ def _of_matlab(content: bytes) -> Document:
     except (KeyError, TypeError, OSError) as error:
         raise ValueError(f"is a damaged .mat file ({error})") from error
 
-    # An object of MATLAB's is stored in a form that MATLAB alone reads.
+    # MATLAB stores its objects in a form that only MATLAB reads.
     if "__function_workspace__" in found or "None" in found:
         raise ValueError(
             "holds an object of MATLAB, such as stereoParameters, which MATLAB alone reads; there: "
@@ -204,7 +204,7 @@ def _of_xml(text: str) -> Document:
 
 
 def _of_yaml(text: str) -> Document:
-    """Return the contents of a YAML file; OpenCV's has a header that YAML does not know."""
+    """Return the contents of a YAML file; OpenCV's has a header that is not valid YAML."""
     yaml = require("yaml", extra="rectify")
     base = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # the one in C is ten times as fast
 
@@ -235,7 +235,7 @@ def _of_yaml(text: str) -> Document:
 
 
 def _check_events(yaml: Any, events: Iterable[Any]) -> None:
-    """Refuse aliases, of which a few lines make gigabytes, and what is nested very deeply."""
+    """Refuse aliases, which make gigabytes from a few lines, and very deep nesting."""
     depth = 0
     for event in events:
         if isinstance(event, yaml.AliasEvent):
@@ -247,7 +247,7 @@ def _check_events(yaml: Any, events: Iterable[Any]) -> None:
 
 
 def _matrix(mapping: Document) -> Any:
-    """Return the matrix that a mapping of rows and columns, or of sizes, and of data holds."""
+    """Return the matrix in a mapping of data with rows and columns, or with sizes."""
     numbers = np.array([float(value) for value in mapping["data"]])
     sizes = mapping["sizes"] if "sizes" in mapping else (mapping["rows"], mapping["cols"])
     shape = [int(size) for size in sizes]
@@ -257,7 +257,7 @@ def _matrix(mapping: Document) -> Any:
 
 
 def numbers(value: Any, name: str) -> Any:
-    """Return the matrix that a list, a list of lists, or rows, columns and data hold.
+    """Return the matrix in a list, a list of lists, or rows, columns and data.
 
     Raises
     ------

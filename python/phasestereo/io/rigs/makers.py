@@ -1,8 +1,8 @@
-"""Calibrations as makers of cameras, data sets and software for measuring write them.
+"""Calibrations from makers of cameras, data sets and measuring software.
 
-Each function takes what a file holds by name (`phasestereo.io.rigs.documents`) and returns a camera
-pair by OpenCV's conventions: the center of the first pixel is (0, 0), and ``R``, ``T`` lead from
-the left camera to the right one. Lengths become meters where the format says what they are.
+Each function takes the contents of a file by name (`phasestereo.io.rigs.documents`) and returns a
+camera pair by OpenCV's conventions: the center of the first pixel is (0, 0), and ``R``, ``T`` lead
+from the left camera to the right one. Lengths become meters where the format defines their unit.
 """
 
 from __future__ import annotations
@@ -37,12 +37,12 @@ class Placed(NamedTuple):
 
 
 def cameras_of_maker(documents: list[Document]) -> Cameras | None:
-    """Return the camera pair of a file in a maker's conventions; None: of no known maker.
+    """Return the camera pair of a file in a maker's conventions; None: the maker is unknown.
 
     Parameters
     ----------
     documents
-        What one or two files hold.
+        The contents of one or two files.
 
     Raises
     ------
@@ -92,7 +92,7 @@ def _in_order(cameras: list[Placed], kind: str) -> Cameras:
     if len(cameras) != 2:
         raise ValueError(f"{kind} of {len(cameras)} images; accepts one of two, left and right")
     one, other = cameras
-    place = (one.pose @ _inverse(other.pose))[:3, 3]  # of the other one, as the first sees it
+    place = (one.pose @ _inverse(other.pose))[:3, 3]  # of the other one, in the first one's frame
     is_first = place[int(abs(place[1]) > abs(place[0]))] > 0
     return _pair(cameras if is_first else [other, one], None)
 
@@ -122,7 +122,7 @@ def _is_kitti(document: Document) -> bool:
 
 
 def _projected(left: Matrix, right: Matrix, **more: Any) -> Cameras:
-    """Return rectified cameras by their projections, (3, 4), of which none need be at 0."""
+    """Return rectified cameras from their projections, (3, 4); neither needs to be at 0."""
     x = [np.linalg.solve(p[:, :3], p[:, 3])[0] for p in (left, right)]
     return Cameras.rectified(left[:, :3], right[:, :3], x[0] - x[1], unit="m", **more)
 
@@ -197,7 +197,7 @@ def _of_zed(document: Document) -> Cameras:
 
 
 def _of_oak(document: Document) -> Cameras:
-    """Return the two cameras of an OAK that are its stereo pair; lengths are in cm."""
+    """Return the stereo pair of an OAK; lengths are in cm."""
     every = dict(document["cameraData"])
     stereo = document["stereoRectificationData"]
     sockets = [stereo[f"{side}CameraSocket"] for side in ("left", "right")]
@@ -219,7 +219,7 @@ def _of_oak(document: Document) -> Cameras:
 
 
 def _oak_pose(every: Mapping[int, Any], socket: int) -> Matrix:
-    """Return the pose of a camera against that to which the chain of extrinsics leads, m."""
+    """Return the pose of a camera relative to the end of its chain of extrinsics, m."""
     chain = np.eye(4)
     for _ in every:
         extrinsics = every[socket]["extrinsics"]
@@ -302,7 +302,7 @@ def _of_toolbox(document: Document) -> Cameras:
 def _of_matlab(document: Document) -> Cameras:
     """Return the cameras of MATLAB's stereoParameters as a structure.
 
-    There points are rows, so that matrices are transposed, and the first pixel is (1, 1).
+    There points are rows, so matrices are transposed, and the first pixel is (1, 1).
     """
     cameras = []
     for name in ("CameraParameters1", "CameraParameters2"):

@@ -1,4 +1,4 @@
-"""Which matrix is which: the names that people give them, led back to OpenCV's."""
+"""Map the names that people give matrices to OpenCV's."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ _MAPS = ["map", "stereomap", "rectmap", "rectifymap", "undistmap", "undistortmap
 _SIDES = {"1": ("1", "l", "left"), "2": ("2", "r", "right")}
 _SIDES_FROM_0 = {"1": ("0",), "2": ("1",)}
 _SHAPES = {"K": (3, 3), "R": (3, 3), "P": (3, 4), "Q": (4, 4)}
-_LARGEST = 1e9  # in pixels, and in any unit of lengths that rigs are measured in
+_LARGEST = 1e9  # in pixels, and in any unit of length for rigs
 _FOCAL = 0.1, 1e7  # pixels
-_ROTATION = 0.01  # by how much a number of R R^T may differ from 1 or 0: files round theirs
+_ROTATION = 0.01  # largest difference of a number of R R^T from 1 or 0: files round theirs
 _SHOWN = 6  # names of a file that is not a calibration
 _COEFFICIENTS = (4, 5, 8, 12, 14)  # of distortion, that OpenCV knows
 
@@ -68,7 +68,7 @@ def as_cameras(
     fisheye: bool = False,
     unit: LengthUnit | None = None,
 ) -> Cameras:
-    """Return the camera pair that named matrices hold; names that say nothing are skipped.
+    """Return the camera pair from named matrices; skip names without a meaning.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ def as_cameras(
     Raises
     ------
     ValueError
-        If a matrix is given twice or is of another shape, or too few are there.
+        If a matrix is given twice or is of another shape, or matrices are missing.
     """
     found: dict[str, Matrix] = {}
     for name, known in kinds_of(arrays).items():
@@ -160,7 +160,7 @@ def _as_numbers(name: str, value: Any) -> Matrix:
 
 
 def _as_coefficients(name: str, matrix: Matrix, *, fisheye: bool) -> Matrix:
-    """Return coefficients of distortion as a column; none at all are zeros."""
+    """Return coefficients of distortion as a column; without any, zeros."""
     allowed = (4,) if fisheye else _COEFFICIENTS
     if not matrix.size:
         return np.zeros((allowed[0], 1))
@@ -192,7 +192,7 @@ def check_rotation(name: str, matrix: Matrix) -> None:
 
 
 def _check_camera(name: str, matrix: Matrix) -> None:
-    """Refuse a camera matrix, or a projection, without focal lengths that a camera can have."""
+    """Refuse a camera matrix, or a projection, with impossible focal lengths."""
     focal, bottom = matrix[[0, 1], [0, 1]], matrix[2, :3]
     if not ((focal >= _FOCAL[0]) & (focal <= _FOCAL[1])).all():
         got = " and ".join(f"{each:g}" for each in focal)

@@ -57,7 +57,6 @@ def read_calibration(
         Kalibr's, EuRoC's, ORB-SLAM's, OKVIS's, mrcal's, OAK's, ZED's, MATLAB's, COLMAP's,
         Metashape's. A file of raw cameras gives the geometry of the pairs that
         `phasestereo.rectify` makes with it.
-        `phasestereo.rectify` makes by it.
     size
         Columns and rows of the images; None: from the file. A calibration of images of another
         size, but the same proportions, is scaled.
@@ -239,7 +238,7 @@ def cameras_of(documents: list[Document]) -> Cameras:
 def _of_matrices(document: Document) -> Cameras:
     size = next((document[name] for name in _SIZES if name in document), None)
     if size is not None and "rotationOfCamera2" in document:
-        size = np.ravel(size)[::-1]  # as MATLAB's stereoParametersToOpenCV has it
+        size = np.ravel(size)[::-1]  # as in MATLAB's stereoParametersToOpenCV
     if size is None and all(name in document for name in _SIDES):
         size = [document[name] for name in _SIDES]
     unit = document.get("unit")

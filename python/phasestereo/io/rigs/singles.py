@@ -1,4 +1,4 @@
-"""Calibrations that hold each camera by itself: ROS's camera_info, EuRoC's, Kalibr's chains."""
+"""Calibrations with each camera by itself: ROS's camera_info, EuRoC's, Kalibr's chains."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ def is_chain(document: Document) -> bool:
 
 
 def cameras_of_pair(left: Document, right: Document) -> Cameras:
-    """Return the camera pair that a file for each of them holds.
+    """Return the camera pair from one file for each camera.
 
     Raises
     ------
     ValueError
-        If they are of different kinds, incomplete, or of a model that OpenCV does not have.
+        If they are of different kinds, incomplete, or of a model unknown to OpenCV.
     """
     if _is_euroc(left) != _is_euroc(right):
         raise ValueError("one file is EuRoC's and one is ROS's; accepts two of a kind")
@@ -51,7 +51,7 @@ def cameras_of_pair(left: Document, right: Document) -> Cameras:
 
 
 def _check_baseline(left: Matrix, right: Matrix) -> None:
-    """Refuse projections whose baseline is not times the focal length, as ROS has it.
+    """Refuse projections with a baseline that is not times the focal length, as in ROS.
 
     Raises
     ------
@@ -116,10 +116,10 @@ def _of_ros(document: Document) -> Document:
 
     if not np.any(camera["K"]):
         raise ValueError("camera_matrix is 0, as of a camera that was never calibrated")
-    # Drivers that send rectified images of cameras whose distance they do not say leave P at 0.
+    # Drivers of rectified images leave P at 0 if they do not report the cameras' distance.
     if not np.any(camera["P"]) and not camera["D"].any():
         camera["P"] = np.column_stack([camera["K"], np.zeros(3)])
-    # Drivers that send rectified images alone leave R at 0.
+    # Drivers that send only rectified images leave R at 0.
     is_rectified = np.array_equal(camera["K"], camera["P"][:, :3]) and not camera["D"].any()
     if is_rectified and not np.any(camera["R"]):
         camera["R"] = np.eye(3)
@@ -194,17 +194,17 @@ def joined(cameras: list[Document], pair: Document, unit: LengthUnit | None = "m
     Parameters
     ----------
     cameras
-        Of each its matrices, by OpenCV's names without the side, its ``size`` and its ``model`` of
+        For each, its matrices by OpenCV's names without the side, its ``size`` and its ``model`` of
         distortion: "radtan" or "equidistant".
     pair
-        ``R`` and ``T``, if they are known.
+        ``R`` and ``T``, if known.
     unit
-        That of ``T``.
+        The unit of ``T``.
 
     Raises
     ------
     ValueError
-        If the cameras differ in model, one alone has a size, or the model is another.
+        If the cameras differ in model, only one has a size, or the model is different.
     """
     sizes = [as_size(camera.pop("size")) for camera in cameras]
     models = [str(camera.pop("model")).lower() for camera in cameras]
