@@ -1,7 +1,7 @@
-"""Rasters that are read by windows, for images larger than memory: TIFF, Zarr, ``.npy``.
+"""Read rasters by windows, for images larger than memory: TIFF, Zarr, ``.npy``.
 
-What comes out of a window is what comes out of the whole file there. Nothing is mapped into memory,
-which would count as resident: what was read is in the arrays that were returned, and nowhere else.
+A window has the same values as the whole file there. This module maps nothing into memory, which
+would count as resident: only the returned arrays hold the data.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ Piece = Callable[[Window], tuple[Pixels, Mask | None]]
 MAX_BYTES = 2**30
 """Memory that the blocks across an image may take by default."""
 
-_LEAST = 64  # rows read at once: fewer would be slow
+_LEAST = 64  # rows to read at once: fewer would be slow
 _NPY_MAGIC = b"\x93NUMPY"
 _NO_DATA = ("_FillValue", "missing_value", "nodata")
 _FORMATS = "TIFF (also GeoTIFF, COG, BigTIFF), Zarr arrays and .npy"
@@ -52,7 +52,7 @@ _FORMATS = "TIFF (also GeoTIFF, COG, BigTIFF), Zarr arrays and .npy"
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Raster:
-    """An open file that is read by windows; see `open_raster`.
+    """An open file to read by windows; see `open_raster`.
 
     Parameters
     ----------
@@ -61,18 +61,18 @@ class Raster:
     size
         Rows and columns.
     itemsize
-        Bytes of one pixel, all channels of it, as it is read.
+        Bytes of one pixel as read, with all its channels.
     dtype
         uint8, uint16 or float32.
     georeference
-        Where it lies.
+        Its georeferencing.
     block
-        Rows of a block of the file, which is read as a whole whatever is asked of it, and the bytes
-        of a row of such blocks.
+        Rows of a block of the file, which is always read as a whole, and the bytes of a row of such
+        blocks.
     piece
         Reads a window: pixels, and a mask (True = valid) or None.
     by_gdal
-        Whether GDAL reads it, which keeps blocks in a cache.
+        Whether GDAL reads it; GDAL keeps blocks in a cache.
     """
 
     path: str
@@ -100,7 +100,7 @@ class Raster:
         OSError
             If the system refuses a part of the file; the message names file and rows.
         ValueError
-            If a part is damaged, or samples are such as no image has.
+            If a part is damaged, or samples are not valid in an image.
         """
         across = slice(*(columns or (0, self.size[1])))
         cuts = [first, *_cuts(first, last, self.block[0]), last]
@@ -119,20 +119,20 @@ class Raster:
                     valid = np.ones(pixels.shape[:2], np.bool_)
                 valid[start - first : stop - first] = mask
 
-        assert pixels is not None  # noqa: S101  # there are two cuts at least
+        assert pixels is not None  # noqa: S101  # at least two cuts exist
         return pixels, valid
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RasterPair:
-    """Both images of a stereo pair, and masks beside what the files themselves leave out.
+    """Both images of a stereo pair, and masks in addition to those in the files.
 
     Parameters
     ----------
     left, right
         The images.
     left_mask, right_mask
-        Images that are not 0 where pixels are valid; None: all are.
+        Images, non-zero where pixels are valid; None: all are.
     """
 
     left: Raster
@@ -147,12 +147,12 @@ class RasterPair:
 
     @property
     def itemsize(self) -> int:
-        """Bytes of one pixel of the image that has more of them."""
+        """Bytes of one pixel, of the image with more of them."""
         return max(self.left.itemsize, self.right.itemsize)
 
     @property
     def rasters(self) -> list[Raster]:
-        """All files that are read."""
+        """All files to read."""
         every = self.left, self.right, self.left_mask, self.right_mask
         return [raster for raster in every if raster]
 
@@ -184,18 +184,18 @@ def open_raster(
         A TIFF file (GeoTIFF, COG, BigTIFF) by rasterio; a Zarr array, (H, W) or (H, W, C), local,
         by its folder; or a ``.npy`` file in C order.
     bands
-        Of a TIFF file, as `read_geotiff` has it.
+        For a TIFF file, as in `read_geotiff`.
     max_bytes
-        Memory that the blocks (strips, tiles, chunks) across the image, which are read as a whole
-        whatever is asked of them, may take.
+        Largest memory for the blocks (strips, tiles, chunks) across the image, which are always
+        read as a whole.
 
     Yields
     ------
     Raster
-        Samples and masks are those of `read_geotiff`. Of Zarr arrays, and of ``.npy``, NaN is "no
-        data"; of Zarr arrays also what equals their attribute ``_FillValue``, ``missing_value`` or
-        ``nodata`` (of colors, in all bands). A chunk of a Zarr array that is not there is its fill
-        value, as Zarr has it.
+        Samples and masks are those of `read_geotiff`. In Zarr arrays and ``.npy``, NaN is "no
+        data"; in Zarr arrays also values equal to their attribute ``_FillValue``, ``missing_value``
+        or ``nodata`` (for colors, in all bands). A missing chunk of a Zarr array has its fill
+        value, as in Zarr.
 
     Raises
     ------
@@ -284,7 +284,7 @@ def _check_mask(mask: Raster | None, size: tuple[int, int]) -> None:
 def _masked(
     raster: Raster, other: Raster | None, first: int, last: int, columns: tuple[int, int] | None
 ) -> tuple[Pixels, Mask | None]:
-    """Read a part of an image, and what its file and another one leave valid of it."""
+    """Read a part of an image, and its pixels that its file and another one mark as valid."""
     pixels, valid = raster.read(first, last, columns)
     if other is None:
         return pixels, valid
@@ -295,27 +295,27 @@ def _masked(
 
 
 def _cuts(first: int, last: int, rows: int) -> range:
-    """Return the cuts of the rows [first, last): between blocks, so that each is read once."""
+    """Return the cuts of the rows [first, last): between blocks, to read each once."""
     step = rows * -(-_LEAST // rows)
     return range((first // step + 1) * step, last, step)
 
 
 @contextmanager
 def _rows_named(path: str, first: int, last: int) -> Iterator[None]:
-    """Name the rows that could not be read in what a decoder raises, which may be anything."""
+    """Add the rows that could not be read to any error of a decoder."""
     where = f"{path}: rows {first} to {last - 1}"
     try:
         yield
     except (ImportError, MemoryError):
         raise
     except Exception as error:
-        reason = error.__cause__ or error  # of rasterio's errors, what GDAL said
+        reason = error.__cause__ or error  # for rasterio's errors, GDAL's message
         kind = OSError if is_of_the_system(error) else ValueError
         raise kind(f"{where} cannot be read: {reason}") from error
 
 
 def _check_blocks(what: str, needed: int, most: int) -> None:
-    """Refuse blocks that take more memory than is allowed, before one is read."""
+    """Refuse blocks that take more memory than the limit, before reading one."""
     if needed > most:
         raise ValueError(
             f"stored in {what}, which are read as a whole and take {needed} bytes across the "
@@ -352,7 +352,7 @@ def _raster(
 
 
 def _open_tiff(stack: ExitStack, path: str, chosen: list[int] | None, max_bytes: int) -> Raster:
-    """Open a TIFF file by GDAL, which stays open as long as the stack."""
+    """Open a TIFF file with GDAL; it stays open as long as the stack."""
     rasterio = require("rasterio", extra="geo")
     with decoding(path) as content, unplaced_allowed():
         for directory in check_tiff(path, content):
@@ -360,7 +360,7 @@ def _open_tiff(stack: ExitStack, path: str, chosen: list[int] | None, max_bytes:
                 width, _ = directory.size
                 across, down = directory.block
 
-                # A window may cut all blocks of a row, each of which is read as a whole.
+                # A window may cut all blocks of a row, and each is read as a whole.
                 row = directory.block_bytes * -(-width // across)
                 _check_blocks(f"blocks of {down} rows", row, max_bytes)
 
@@ -397,7 +397,7 @@ def _open_zarr(path: str, max_bytes: int) -> Raster:
         kept = error if isinstance(error, ValueError | OSError) else repr(error)
         raise ValueError(f"{path}: a folder, and no Zarr array ({kept})") from error
 
-    leading = array.ndim == 3 and array.shape[0] == 1  # one band, as rioxarray has it
+    leading = array.ndim == 3 and array.shape[0] == 1  # one band, as in rioxarray
     if array.ndim != 2 and not (leading or (array.ndim == 3 and array.shape[2] in (1, 3, 4))):
         raise ValueError(f"{path}: got shape {array.shape}; accepts (H, W) and (H, W, channels)")
 
@@ -419,7 +419,7 @@ def _open_zarr(path: str, max_bytes: int) -> Raster:
 
 
 def _open_npy(stack: ExitStack, path: str, max_bytes: int) -> Raster:
-    """Open a ``.npy`` file, and read rows where they are."""
+    """Open a ``.npy`` file, and read rows at their positions."""
     with decoding(path) as head:
         shape, columns_first, dtype = read_header(head)
         start, stored = head.tell(), os.fstat(head.fileno()).st_size
@@ -453,7 +453,7 @@ def _open_npy(stack: ExitStack, path: str, max_bytes: int) -> Raster:
 
 
 def _plain(samples: NDArray[Any], missing: list[Any]) -> tuple[Pixels, Mask | None]:
-    """Return samples as an image has them, and which of them count."""
+    """Return samples in the form of an image, and a mask of those that count."""
     if samples.dtype == np.bool_:
         samples = samples.astype(np.uint8)
 

@@ -34,10 +34,10 @@ class Board:
     Parameters
     ----------
     size
-        Corners along and across: of a chessboard those inside, of a ChArUco board those between its
-        squares. None: not known, for chessboards.
+        Corners along and across: for a chessboard those inside, for a ChArUco board those between
+        its squares. None: unknown, for chessboards.
     square
-        Side of a square; 1 where it is not known.
+        Side of a square; 1 if unknown.
     marker
         Side of a marker of a ChArUco board, in the same unit.
     dictionary
@@ -65,9 +65,9 @@ class Board:
         return grid * self.square
 
     def find(self, image: NDArray[np.uint8]) -> Corners | None:
-        """Return the corners that a gray picture shows, by a quick look; None: there is no board.
+        """Return the corners in a gray picture after a quick search; None: it shows no board.
 
-        Of a chessboard of no known size, ids count along rows of the size that is found.
+        For a chessboard of unknown size, ids count along rows of the detected size.
         """
         if self.dictionary is not None:
             return self._find_charuco(image)
@@ -88,10 +88,10 @@ class Board:
         return None
 
     def measure(self, image: NDArray[np.uint8]) -> list[Corners]:
-        """Return the corners that a gray picture shows, by each way to measure them.
+        """Return the corners in a gray picture by each way to measure them.
 
         OpenCV's finder measures corners of real prints, a little out of focus, better than the
-        gradients in windows around them do, and those of small squares worse.
+        gradients in windows around them, and corners of small squares worse.
         """
         if self.dictionary is not None:
             found = self._find_charuco(image)
@@ -103,7 +103,7 @@ class Board:
         return [as_ordered(each, self) for each in (grid, self._refined(image, grid))]
 
     def _refined(self, image: NDArray[np.uint8], grid: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return a chessboard's corners where the gradients around them say."""
+        """Return a chessboard's corners, placed by the gradients around them."""
         cv2 = require("cv2", extra="rectify")
         steps = [np.linalg.norm(np.diff(grid, axis=axis), axis=2).min() for axis in (0, 1)]
         half = max(int(_WINDOW * min(steps)), 2)
@@ -121,7 +121,7 @@ class Board:
         cols, rows = self.size or (0, 0)
         dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, str(self.dictionary)))
 
-        # Boards printed by OpenCV before 4.6 begin with another square where rows are even.
+        # Boards printed by OpenCV before 4.6 begin with another square if rows are even.
         for is_old in (False, True) if rows % 2 else (False,):
             board = cv2.aruco.CharucoBoard(
                 (cols + 1, rows + 1), float(self.square), float(self.marker), dictionary
@@ -139,12 +139,12 @@ def as_board(
     charuco: str | None,
     marker: float | None,
 ) -> Board:
-    """Return the board that is meant.
+    """Return the requested board.
 
     Raises
     ------
     TypeError, ValueError
-        If there is no such board; the message begins with the argument.
+        If no such board exists; the message begins with the argument.
     """
     side = 1.0 if square is None else as_number("square", square, positive=True)
     size = None if board is None else _as_size(board)
@@ -191,7 +191,7 @@ def common_size(
     """
     shapes = [tuple(sorted(grid.shape[:2])) for grid in grids if grid is not None]
     counts = Counter(shapes)
-    # Of equally many the larger one: a hidden row makes a board smaller.
+    # For equal counts the larger one: a hidden row makes a board smaller.
     shape = max(counts, key=lambda shape: (counts[shape], shape), default=None)
     return None if shape is None or counts[shape] < least else (shape[1], shape[0])
 
@@ -206,9 +206,9 @@ def as_ordered(grid: NDArray[np.float64], board: Board) -> Corners:
 def matched(board: Board, left: Corners, right: Corners) -> tuple[Corners, Corners] | None:
     """Return the corners that both views show, in the same order; None: too few.
 
-    A chessboard looks the same turned by half a turn, a square one by a quarter, and a finder may
-    begin anywhere: of these orders that is taken in which the board is turned least between both
-    views, which holds for cameras that are turned by less than 90 (45) degrees to each other.
+    A chessboard looks the same after half a turn, a square one after a quarter, and a finder may
+    begin anywhere. This function takes the order that turns the board least between both views,
+    which is right for cameras turned by less than 90 (45) degrees to each other.
     """
     if board.dictionary is None:
         return left, _turned_like(board, left, right)
@@ -241,9 +241,9 @@ def flipped(board: Board, view: Corners, like: Corners, ends: NDArray[np.float64
     view
         Its corners.
     like
-        Those in the other view, after which they are ordered.
+        The corners in the other view, which set the order.
     ends
-        The last column and row where these are flipped, else 0: (2,).
+        The last column and row if these are flipped, else 0: (2,).
     """
     cols, rows = board.size or (0, 0)
     places = np.where(ends > 0, ends - view.places, view.places)
