@@ -5,8 +5,8 @@
 
     records = bench.run_middlebury(find_scenes("middlebury"), ["paper", "opencv:sgbm", my_matcher])
 
-`methods` says what there is to compare, `cases` what it is compared on, `middlebury` puts both
-together; `runner` spreads such work over processes and remembers what is done.
+`methods` defines the methods to compare, `cases` the cases to compare them on, and `middlebury`
+combines them; `runner` spreads the work over processes and remembers finished jobs.
 """
 
 from phasestereo_bench.cases import SUITES

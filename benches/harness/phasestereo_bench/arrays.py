@@ -1,4 +1,4 @@
-"""What the arrays are that functions here take and return."""
+"""The types of the arrays that functions here take and return."""
 
 from __future__ import annotations
 

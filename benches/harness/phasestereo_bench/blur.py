@@ -1,4 +1,4 @@
-"""The benchmark of the estimation of blur: scenes blurred by what is known, and what is found.
+"""The benchmark of blur estimation: scenes with known blur, and the estimates for them.
 
     from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Cases: a scene, and what was done to its images before anybody matches it."""
+"""Cases: a scene, and the changes to its images before a match."""
 
 from __future__ import annotations
 

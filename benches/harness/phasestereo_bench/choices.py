@@ -1,4 +1,4 @@
-"""Constants of the core, swept: the core is built with other values of one, and scored."""
+"""Sweep constants of the core: build the core with other values of one, and score it."""
 
 from __future__ import annotations
 

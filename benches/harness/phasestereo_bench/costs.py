@@ -1,4 +1,4 @@
-"""What a match takes: seconds and memory, each method alone on the machine and on one thread."""
+"""The cost of a match: seconds and memory, each method alone on the machine and on one thread."""
 
 from __future__ import annotations
 

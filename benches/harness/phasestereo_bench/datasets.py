@@ -1,11 +1,11 @@
 """Datasets: the official folder trees of Middlebury, ETH3D and KITTI, as scenes to load and score.
 
-Here belong where a dataset keeps its files, how its truth is coded and which of its pixels count;
-reading a single file belongs to `phasestereo.io`, scoring to `phasestereo.metrics`. All that
-differs between the years is one row each in `LAYOUTS`: a further year is a further row.
+This module knows the files of a dataset, the coding of its truth and the pixels that count;
+`phasestereo.io` reads single files, and `phasestereo.metrics` scores. The years differ only in
+their rows in `LAYOUTS`: a new year is a new row.
 
 The data itself is at https://vision.middlebury.edu/stereo/data, https://www.eth3d.net and
-https://www.cvlibs.net/datasets/kitti; folders and files are expected under the names they have
+https://www.cvlibs.net/datasets/kitti; folders and files must keep their names from
 there.
 """
 

@@ -1,6 +1,6 @@
 """Seeded, exact degradations of one image: blur, contrast, noise, and areas of different ones.
 
-This is what makes a pair one-sided: degrade one image, leave the other. Every degradation acts on
+To make a pair one-sided, degrade one image and leave the other. Every degradation acts on
 each channel in float64 with borders continued by reflection (``d c b a | a b c d``), rounds to the
 image's integer type, and only then adds noise and rounds again. Coordinates are x to the right and
 y down, in pixels.

@@ -1,4 +1,4 @@
-"""Runs jobs on all cores, keeps one record of each, and goes on where an earlier run stopped."""
+"""Runs jobs on all cores, keeps one record of each, and resumes where an earlier run stopped."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Submissions: the files that the sites of benchmarks take, of scenes with and without a truth.
+"""Submissions: the files for benchmark sites, for scenes with and without a truth.
 
-What a site wants is a row of `SITES`; the files of one site and size become one zip.
+A row of `SITES` holds the demands of a site; the files of one site and size become one zip.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""How good a second opinion is: maps of other matchers, judged by `phasestereo.verify`.
+"""The quality of a second opinion: maps of other matchers, judged by `phasestereo.verify`.
 
-Scored are pixels whose truth is known. A disparity is wrong if it is off by more than 1 px.
+Only pixels with a known truth count. A disparity is wrong if it is off by more than 1 px.
 """
 
 from __future__ import annotations

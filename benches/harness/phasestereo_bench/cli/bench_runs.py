@@ -1,4 +1,4 @@
-"""What commands that run a benchmark share: earlier records, progress, Ctrl-C, and its tables."""
+"""Shared parts of benchmark commands: earlier records, progress, Ctrl-C, and tables."""
 
 # No `from __future__ import annotations`: the command line is made of these annotations.
 

@@ -1,6 +1,6 @@
 """Commands that run many jobs, keep their records, and print tables of these.
 
-Scenes whose blur is known, pairs that are spoiled in many ways, frames of rigs, surfaces.
+Scenes with known blur, pairs degraded in many ways, frames of rigs, surfaces.
 """
 
 # No `from __future__ import annotations`: the command line is made of these annotations.

@@ -1,4 +1,4 @@
-"""What ``phasestereo bench`` prints of its records."""
+"""The tables that ``phasestereo bench`` prints from its records."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""Confidence that is a probability: what the core's calibration is learned from, and how it holds.
+"""Confidence as a probability: the data for the core's calibration, and tests of it.
 
-`observation` matches degraded pairs and counts how far their disparities are off, `learning` fits
-the weights to these counts and writes them as the core has them, `verdict` says what they are worth
-on faults and scenes that were left out.
+`observation` matches degraded pairs and counts the errors of their disparities, `learning` fits the
+weights to these counts and writes them in the core's form, `verdict` tests them on faults and
+scenes outside the fit.
 
 `claims` and `judging` do the same for maps of other matchers, which the core judges.
 """

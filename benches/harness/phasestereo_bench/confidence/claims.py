@@ -1,8 +1,8 @@
 """Spoiled pairs and maps of other matchers -> pixels from which the core learns to judge maps.
 
-Every scene is taken as it is and under faults of the suites, and matched by several methods; the
-truth is one more map. Of each map remain the traits of some pixels that both images see, as the
-core computes them, and how far claim and own disparity are off.
+Several methods match every scene, unchanged and under faults of the suites; the truth is one more
+map. For each map this keeps the traits of some pixels that both images see, as the core computes
+them, and the errors of the claim and our own disparity.
 """
 
 from __future__ import annotations

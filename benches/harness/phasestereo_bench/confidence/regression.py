@@ -1,4 +1,4 @@
-"""What both calibrations share: logistic odds, lines through points, and the quantile of bars."""
+"""Shared by both calibrations: logistic odds, lines through points, and the quantile of bars."""
 
 from __future__ import annotations
 

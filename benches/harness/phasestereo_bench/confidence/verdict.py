@@ -1,4 +1,4 @@
-"""How well the calibration holds on faults and scenes that it was not learned from."""
+"""Test the calibration on faults and scenes outside its training data."""
 
 from __future__ import annotations
 

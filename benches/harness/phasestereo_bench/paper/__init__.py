@@ -1,4 +1,4 @@
-"""The paper's experiments on its own pairs: its tables again, its claims beside what comes out.
+"""The paper's experiments on its own pairs: its tables again, its claims beside our results.
 
     from phasestereo_bench import paper
 
@@ -6,8 +6,8 @@
     study = paper.run_study(paper.load_pairs("middlebury"), store)
     paper.write_study(study, store, Path("out"))
 
-`experiments` says what is blurred, how much and by which methods it is matched, `study` measures,
-`claims` judges, `page` writes it down. The paper is Pedone & Heikkilä, *Blur and Contrast Invariant
+`experiments` defines the blurs and the methods, `study` measures, `claims` judges, `page` writes
+the results. The paper is Pedone & Heikkilä, *Blur and Contrast Invariant
 Fast Stereo Matching*, ACIVS 2008.
 """
 

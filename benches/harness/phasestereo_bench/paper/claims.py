@@ -1,4 +1,4 @@
-"""The paper's claims beside what was measured: verdicts, and the tables they rest on."""
+"""The paper's claims beside our measurements: verdicts, and the tables behind them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The paper's experiments: what is blurred, how much, and by which methods it is matched.
+"""The paper's experiments: the blurred images, the amounts of blur, and the methods.
 
 Two protocols set the methods up, both without a look at any blurred pair:
 

@@ -1,4 +1,4 @@
-"""What the experiments leave behind: Figures 2 and 3, and a page of all tables."""
+"""The output of the experiments: Figures 2 and 3, and a page of all tables."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Runs the experiments: settings are chosen on the sharp pairs, then everything is measured."""
+"""Runs the experiments: chooses settings on the sharp pairs, then measures everything."""
 
 from __future__ import annotations
 

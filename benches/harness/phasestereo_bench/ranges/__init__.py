@@ -1,4 +1,4 @@
-"""Pairs of known disparities, and the range that is searched when none is given."""
+"""Pairs with known disparities, and the range that a match finds by itself."""
 
 from phasestereo_bench.ranges.constructions import KINDS, Construction, constructions
 from phasestereo_bench.ranges.trials import (

@@ -1,8 +1,8 @@
-"""Evidence from real rigs: recordings without a truth of depth, and real pairs that have one.
+"""Evidence from real rigs: recordings without true depths, and real pairs with them.
 
-`frames` finds the pairs of a recording, `rows` holds what is found about their rows against the
-calibration, `agreement` asks a matcher twice, `pairs` are those with a truth, and `jobs` puts it
-together.
+`frames` finds the pairs of a recording, `rows` compares the estimates of their rows with the
+calibration, `agreement` runs a matcher twice, `pairs` holds those with a truth, and `jobs` combines
+them.
 """
 
 from phasestereo_bench.real.frames import RigRecording, find_recording

@@ -1,4 +1,4 @@
-"""What can be said of a map without its truth: whether a matcher agrees with itself.
+"""Judge a map without its truth: whether a matcher agrees with itself.
 
 A pair seen in a mirror, its images exchanged, is a pair again, whose disparities are those of the
 right image. Every matcher takes it, so every one can be asked twice. What only one camera sees can

@@ -1,4 +1,4 @@
-"""Rows of raw frames: what is found from the images alone, held against the calibration.
+"""Rows of raw frames: estimates from the images alone, compared with the calibration.
 
 The calibration says which pixel of the raw right image shows what a pixel of the raw left one does,
 at each distance. These places, all over the image and at five distances, are the truth.

@@ -1,4 +1,4 @@
-"""What each ray meets first: depths, disparities of either view, and what both views see."""
+"""The first hit of each ray: depths, disparities of either view, and pixels that both views see."""
 
 from __future__ import annotations
 

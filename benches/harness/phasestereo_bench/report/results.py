@@ -1,4 +1,4 @@
-"""Results: the cells of a benchmark run, read back from the stores that the run left behind.
+"""Results: the cells of a benchmark run, read back from the stores of the run.
 
 This module chooses the cells and their order; `tables` and `plots` average and show them.
 """

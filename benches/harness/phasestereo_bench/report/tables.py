@@ -1,8 +1,8 @@
-"""Tables: what the results come to, in rows and columns.
+"""Tables: the results in rows and columns.
 
-A mean is only ever taken over the scenes that all methods have, so that none gains by leaving one
-out. The best figure of each degradation is marked; methods that know the blur show what could
-be had, and do not compete with the others.
+A mean covers only the scenes that all methods have, so no method gains by leaving one out. The best
+figure of each degradation is marked; methods that know the blur show what could be had, and do not
+compete with the others.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """The suites "rigs" and "rigs-2": pairs as real rigs deliver them.
 
-`fault` says what a fault is and how faults are put together, `geometry`, `sensor`, `optics`,
-`capture`, `depth` and `corruptions` what is done to images, and `suite` which faults there are and
-how strong.
+`fault` defines a fault and combines faults; `geometry`, `sensor`, `optics`, `capture`, `depth` and
+`corruptions` change images; `suite` lists the faults and their strengths.
 """
 
 from phasestereo_bench.rigs.fault import ALTERNATING, Fault, side_of

@@ -1,4 +1,4 @@
-"""What cameras and videos do to an image before anybody sees it, by OpenCV's and FFmpeg's own code.
+"""Changes that cameras and videos make to an image, by OpenCV's and FFmpeg's own code.
 
 Functions are as those of `sensor`. All of them work on colors; a gray image is made of three equal
 ones and made gray again.

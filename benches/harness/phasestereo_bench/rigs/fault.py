@@ -1,4 +1,4 @@
-"""Faults of rigs: what is done to a whole pair, and how simple ones make up others.
+"""Faults of rigs: changes to a whole pair, and combinations of simple ones.
 
 A step takes a pair and the side that is the worse one, and returns the pair as that rig would have
 delivered it. Either image has a seed of its own, so that the two never have the same noise.

@@ -1,4 +1,4 @@
-"""What lenses and what is on or before them do to an image: blur, dirt, rain, haze, vignetting.
+"""Effects of lenses, and of matter on or before them: blur, dirt, rain, haze, vignetting.
 
 Functions are as those of `sensor`. Coordinates are pixels, x to the right and y down, the first
 pixel's center being (0, 0).

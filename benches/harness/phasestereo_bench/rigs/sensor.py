@@ -1,4 +1,4 @@
-"""What sensors, wires and codecs do to an image: noise, few levels, dead pixels, JPEG.
+"""Effects of sensors, wires and codecs: noise, few levels, dead pixels, JPEG.
 
 Every function takes a uint8 image (H, W) or (H, W, C) and a seed for
 ``numpy.random.default_rng``, and returns a new image of the same shape and type. Values are worked

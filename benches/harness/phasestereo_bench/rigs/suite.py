@@ -1,4 +1,4 @@
-"""Which faults the suites "rigs" and "rigs-2" have, and how strong they are."""
+"""The faults of the suites "rigs" and "rigs-2", and their strengths."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The speed benchmark: what a pair takes us and OpenCV's matchers, in time and in memory.
+"""The speed benchmark: the time and memory of our matcher and OpenCV's for a pair.
 
     from pathlib import Path
 

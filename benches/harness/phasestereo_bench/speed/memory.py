@@ -1,4 +1,4 @@
-"""Memory: how far one match raises what is resident, each in a process of its own."""
+"""Memory: the rise of resident memory during one match, each in a separate process."""
 
 from __future__ import annotations
 

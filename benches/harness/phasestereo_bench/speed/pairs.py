@@ -1,4 +1,4 @@
-"""Pairs to be timed: 8-bit gray images, from thumbnails to six megapixels."""
+"""Pairs to time: 8-bit gray images, from thumbnails to six megapixels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Records: what came out for a pair, on one thread or on all, with all that it depends on."""
+"""Records: the results for a pair, on one thread or on all, with everything they depend on."""
 
 from __future__ import annotations
 

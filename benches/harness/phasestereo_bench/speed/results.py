@@ -1,4 +1,4 @@
-"""The tables that the records of a speed benchmark make."""
+"""The tables from the records of a speed benchmark."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rounds: contenders timed in turn, so that a machine's moods meet all alike; threads held."""
+"""Rounds: contenders timed in turn, so changes of the machine affect all alike; threads fixed."""
 
 from __future__ import annotations
 

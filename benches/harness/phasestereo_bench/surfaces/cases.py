@@ -1,4 +1,4 @@
-"""What the suite matches: rendered rooms, scenes as they are and upsampled, real table tops.
+"""The cases of the suite: rendered rooms, scenes as they are and upsampled, real table tops.
 
 A case is light and says where its images come from; its task has the images, and how maps of them
 are counted.

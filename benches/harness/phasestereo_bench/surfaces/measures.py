@@ -1,4 +1,4 @@
-"""What is counted of a map: pixels that are off, by the kind of surface that they are on, stripes.
+"""The counts for a map: wrong pixels by the kind of their surface, and stripes.
 
 Kinds of pixels follow from the truth, so that rendered and real pairs are counted alike, and from
 the left image. All measures of length are in pixels of the map, but for the width of thin things.

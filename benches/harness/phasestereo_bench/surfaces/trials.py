@@ -1,4 +1,4 @@
-"""Trials: cases matched by methods, and records of what is off."""
+"""Trials: cases matched by methods, and records of their errors."""
 
 from __future__ import annotations
 

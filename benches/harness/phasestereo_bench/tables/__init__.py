@@ -1,6 +1,7 @@
 """All tables of the documentation from one folder of data, by one command.
 
-`plan` says what is run, `texts` makes Markdown of what came out, and `export` numbers for machines.
+`plan` lists the runs, `texts` turns the results into Markdown, and `export` into numbers for
+machines.
 """
 
 from phasestereo_bench.tables.export import export

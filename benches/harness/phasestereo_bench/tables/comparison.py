@@ -1,6 +1,6 @@
 """The comparison: where ours win and where others do, in three pictures and a table.
 
-All of it is made of the file of numbers that `export` writes, so that nothing has to be run.
+It uses only the file of numbers that `export` writes, so it runs nothing.
 """
 
 from __future__ import annotations

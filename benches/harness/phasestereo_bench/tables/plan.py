@@ -1,4 +1,4 @@
-"""What is run for the tables of the documentation, in which order."""
+"""The runs for the tables of the documentation, in order."""
 
 from __future__ import annotations
 

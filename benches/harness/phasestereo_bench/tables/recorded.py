@@ -1,4 +1,4 @@
-"""Tables of recordings, which have no truth of depth, and of real pairs, which have one."""
+"""Tables of recordings without true depths, and of real pairs with them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Videos with a truth: how right a stream's maps are, how steady, and how fast they follow."""
+"""Videos with a truth: the accuracy, steadiness and reaction time of a stream's maps."""
 
 from __future__ import annotations
 
