@@ -293,10 +293,10 @@ class Matcher:
 
         Raises
         ------
-        Also for a filter of the wrong type.
-            Also for a filter of another type.
-        Also for a filter that another match is using right now.
-            Also for a filter that another match is using at this moment.
+        TypeError
+            Also for a filter of the wrong type.
+        ValueError
+            Also for a filter that another match is using at the same time.
         """
         result = match_silently(
             (left, right),
