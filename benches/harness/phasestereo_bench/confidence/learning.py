@@ -217,7 +217,7 @@ _FILE = """//! Learned by `phasestereo bench confidence`, which writes this file
 
 use super::Weights;
 
-/// The weights by what chose the disparities: four paths, two, or pixels and rows by themselves.
+/// The weights by how disparities were chosen: by four paths, by two, or by pixels and rows alone.
 pub const WEIGHTS: [Weights; 3] = [
 {weights}];
 """
