@@ -138,8 +138,9 @@ impl Blur {
         Self { side: Some(side), psf: Some(psf), taps: Some(psf.taps()), other: None }
     }
 
-    /// Whether there is no blur, or one so slight that applying it to the sharper image, too, would cost more
-    /// detail than the difference does: codes are phases, which a symmetric blur does not change.
+    /// Whether both images are equally sharp, or the blur is so slight that applying it to the sharper image,
+    /// too, would cost more detail than the difference does: codes are phases, which a symmetric blur does
+    /// not change.
     pub fn is_slight(&self) -> bool {
         let leaves_most = |taps: &Taps| taps.least_response() >= SLIGHT;
         self.other.is_none() && self.taps.as_ref().is_none_or(leaves_most)
@@ -834,6 +835,12 @@ impl Estimate {
     /// The estimate with the defects of the images.
     pub(crate) fn with(self, Defects { impulses, coding }: Defects) -> Self {
         Self { impulses, coding, ..self }
+    }
+
+    /// The larger of these standard deviations of noise, left and right, and of the noise that would do the
+    /// same harm as compression.
+    pub fn harm(&self, noise: [f64; 2]) -> [f64; 2] {
+        [0, 1].map(|side| noise[side].max(self.coding[side]))
     }
 
     /// The share of the tiles of each kind of blur.

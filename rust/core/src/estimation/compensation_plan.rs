@@ -68,7 +68,7 @@ impl CompensationPlan {
             ..Self::of_noise(noise.unwrap_or_else(|| weak_level(estimate)), settings)?
         };
 
-        let harm = plain.noise.into_iter().chain(estimate.coding).fold(0.0, f64::max);
+        let harm = estimate.harm(plain.noise).into_iter().fold(0.0, f64::max);
         let is_noisy = harm >= NOISY * range;
         let mut blurs = estimate.blurs.iter().filter(|blur| blur.taps.is_some()).peekable();
         let is_slight = estimate.blurs.iter().all(Blur::is_slight);
@@ -163,9 +163,7 @@ fn smoothing(estimate: &Estimate, known: Option<[f64; 2]>) -> [f64; 2] {
     let is_blurred = estimate.blurs.iter().any(|blur| blur.side.is_some());
     let own = if is_blurred { weak_level(estimate) } else { estimate.noise };
 
-    let noise = known.unwrap_or(own);
-
-    [0, 1].map(|side| (DEVIATIONS * noise[side].max(estimate.coding[side])).min(LARGEST_PIXEL))
+    estimate.harm(known.unwrap_or(own)).map(|harm| (DEVIATIONS * harm).min(LARGEST_PIXEL))
 }
 
 /// The noise below which a component is weak: the same level for both images, scaled by the contrast of each.

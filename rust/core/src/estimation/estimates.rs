@@ -98,12 +98,10 @@ impl Estimates {
         self.blur.as_ref().map(|blur| blur.noise)
     }
 
-    /// Standard deviations of the noise, or of one that would do as much harm as the loss of compression, left
-    /// and right, in units of the pixels; 0 where neither was estimated.
+    /// Standard deviations of the noise, or of the noise that would do the same harm as compression, if that
+    /// is larger, left and right, in units of the pixels; 0 if neither was estimated.
     pub fn harm(&self) -> [f64; 2] {
-        let noise = self.blur.as_ref().map(|blur| blur.noise);
-        let noise = noise.or(self.compensation.as_ref().map(|plan| plan.noise)).unwrap_or_default();
-        let coding = self.blur.as_ref().map_or([0.0; 2], |blur| blur.coding);
-        [0, 1].map(|side| noise[side].max(coding[side]))
+        let known = || self.compensation.as_ref().map_or([0.0; 2], |plan| plan.noise);
+        self.blur.as_ref().map_or_else(known, |blur| blur.harm(blur.noise))
     }
 }

@@ -63,14 +63,14 @@ impl Signs {
 
     /// The signs in a rough match of some copies, which may be turned: then the columns are the rows of the
     /// original images ([`Pair::turned`](phasestereo_match::pair::Pair::turned)).
-    pub fn new(copies: &Overview, map: &RoughMap, are_turned: bool) -> Self {
+    pub fn new(copies: &Overview, map: &RoughMap, is_turned: bool) -> Self {
         let known = map.disparity.as_slice().iter().filter(|value| value.is_finite()).count();
         let votes = votes(copies, map);
         let [in_place, exchanged] = votes.map(|count| count as f64);
         let is_few = votes[0] + votes[1] < LEAST_VOTES;
 
         Self {
-            ground: rank_correlation(map, are_turned),
+            ground: rank_correlation(map, is_turned),
             sides: if is_few { 0.0 } else { (in_place - exchanged) / (in_place + exchanged) },
             is_seen: known as f64 >= LEAST_KNOWN * map.disparity.as_slice().len() as f64,
         }
@@ -234,7 +234,7 @@ mod tests {
         let copies = Overview::of_planes([gray.clone(), gray]);
         let disparity = Plane::from_fn(SIZE.0, SIZE.1, |_, x| (x / 4) as f32);
         let map = RoughMap { unsure: disparity.clone(), disparity, field: None, confidence: 1.0 };
-        let ground = [true, false].map(|are_turned| Signs::new(&copies, &map, are_turned).ground);
+        let ground = [true, false].map(|is_turned| Signs::new(&copies, &map, is_turned).ground);
         assert!(ground[0] > 0.99 && ground[1].abs() < 0.01, "{ground:?}");
     }
 

@@ -168,11 +168,11 @@ struct Ends {
 }
 
 /// The range from a rough match of the overview; `None` if there is too little texture or too little in
-/// common. `are_turned`: as for [`Signs::new`].
+/// common. `is_turned`: as for [`Signs::new`].
 pub fn range(
     copies: Copies,
     map: &RoughMap,
-    are_turned: bool,
+    is_turned: bool,
     runtime: Runtime,
 ) -> Result<Option<FoundRange>> {
     // Repeating texture matches badly, but its periods are seen.
@@ -199,7 +199,7 @@ pub fn range(
     let width = overview.planes[0].cols() * overview.factor;
     // The sign of repeating texture is unknown.
     let (negative, mixed) = if periods.is_some() { (false, false) } else { signs(map) };
-    let shown = Signs::new(overview, map, are_turned);
+    let shown = Signs::new(overview, map, is_turned);
     let count = (end - start + 1).min(width as i64);
     let range = SearchRange { min: start, count, low, high, negative, mixed, shown, identical };
 

@@ -26,13 +26,14 @@ use std::borrow::Cow;
 
 use crate::scales::choice::halvings;
 use crate::scales::choices::{DETAIL_RADIUS, FAINT, HALVINGS, ROUNDING, SEEN, SMOOTH_RADIUS, TRUST};
+use crate::scales::reduction::sum_of_four;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::plane::{Plane, TASK_ROWS};
 use phasestereo_match::base::simd::{Level, leveled, whole};
 use phasestereo_match::image::window_sums::Windows;
 use phasestereo_match::matcher::runtime::Runtime;
 
-/// Parts of the noise in which rests count.
+/// Parts of the noise in which rests count: `MOST` is 27 times the noise.
 const PARTS: f64 = 256.0;
 /// Largest rest, in these parts: the sum of its squares over a window fits into 32 bits.
 const MOST: f32 = 7000.0;
@@ -112,7 +113,11 @@ impl<'a> Detail<'a> {
             if copy.rows().min(copy.cols()) < 2 {
                 break;
             }
-            copy = Cow::Owned(sums_of_four(&copy, if k > SUMMED { 2 } else { 0 }, runtime)?);
+            let lost = if k > SUMMED { 2 } else { 0 };
+            let size = (copy.rows() / 2, copy.cols() / 2);
+            copy = Cow::Owned(Plane::by_rows(size, runtime.control, |y, sums: &mut [i32]| {
+                sums.iter_mut().enumerate().for_each(|(x, sum)| *sum = sum_of_four(&copy, y, x) >> lost);
+            })?);
             let noise = self.noise * 2_f64.powi(2 * k.min(SUMMED) as i32 - k as i32);
             scales.push(squares(&copy, noise, runtime)?);
         }
@@ -139,32 +144,22 @@ fn double(from: &[u8], to: &mut [u8]) {
 fn mark_seen(level: Level, squares: &Plane<f32>, y: usize, k: u8, seen: &mut [u8]) {
     let least = square_of(SEEN.sqrt());
     let (last, end) = (squares.rows() - 1, seen.len() - 1);
-    let rows = [y, y.saturating_sub(SIDE), (y + SIDE).min(last)].map(|y| &squares.row(y)[..=end]);
-    let [own, above, below] = rows;
+    let [own, above, below] =
+        [y, y.saturating_sub(SIDE), (y + SIDE).min(last)].map(|y| &squares.row(y)[..=end]);
     let mut mark = |x: usize, left: f32, right: f32| {
         let sides = left.min(right).min(above[x]).min(below[x]);
         let is_seen = (sides >= least) | ((k == 0) & (own[x] >= least));
         seen[x] = if is_seen { k } else { seen[x] };
     };
 
+    // Without clamped columns, the compiler marks many pixels at once.
     let inner = SIDE.min(end)..(end + 1).saturating_sub(SIDE);
     for x in (0..inner.start).chain(inner.end.max(inner.start)..=end) {
         mark(x, own[x.saturating_sub(SIDE)], own[(x + SIDE).min(end)]);
     }
-    for (x, (left, right)) in inner.clone().zip(own.iter().zip(own.iter().skip(2 * SIDE))) {
+    for (x, (left, right)) in inner.zip(own.iter().zip(own.iter().skip(2 * SIDE))) {
         mark(x, *left, *right);
     }
-}
-
-/// Sums of squares of four pixels, without their last bits.
-fn sums_of_four(gray: &Plane<i32>, bits: u32, runtime: Runtime) -> Result<Plane<i32>> {
-    let size = (gray.rows() / 2, gray.cols() / 2);
-    Plane::by_rows(size, runtime.control, |y, sums: &mut [i32]| {
-        let [upper, lower] = [2 * y, 2 * y + 1].map(|y| gray.row(y).as_chunks::<2>().0);
-        for (sum, (upper, lower)) in sums.iter_mut().zip(upper.iter().zip(lower)) {
-            *sum = (upper[0] + upper[1] + lower[0] + lower[1]) >> bits;
-        }
-    })
 }
 
 /// The mean squares of detail around each pixel, in squares of parts of this noise.

@@ -104,7 +104,7 @@ fn noise(gray: &Plane<i32>) -> i64 {
 }
 
 /// The pixels around which all others are marked, up to `radius` rows and columns away.
-pub fn shrunk(marked: &Plane<bool>, radius: usize, runtime: Runtime) -> Result<Plane<bool>> {
+fn shrunk(marked: &Plane<bool>, radius: usize, runtime: Runtime) -> Result<Plane<bool>> {
     let lost = grown(&marked.map(|is_marked| !is_marked), radius, runtime)?;
     Ok(lost.map(|is_lost| !is_lost))
 }

@@ -34,17 +34,18 @@ pub fn halved(pair: &Pair) -> Option<Pair> {
     Pair::of_inputs(inputs, low as i64, count as i64).ok()
 }
 
+/// The sum of the four gray values that a pixel of the image at half the size covers.
+#[inline(always)]
+pub fn sum_of_four(gray: &Plane<i32>, y: usize, x: usize) -> i32 {
+    [2 * y, 2 * y + 1].map(|y| gray.row(y)[2 * x] + gray.row(y)[2 * x + 1]).iter().sum()
+}
+
 /// The gray values of an image at half the size.
 fn halved_view(view: &View) -> Input {
     let (gray, scale) = (view.gray(), view.scale());
     let (rows, cols) = (gray.rows() / 2, gray.cols() / 2);
 
-    // Four times the mean.
-    let sum = |y: usize, x: usize| {
-        let pairs = [gray.row(2 * y), gray.row(2 * y + 1)].map(|row| row[2 * x] + row[2 * x + 1]);
-        i64::from(pairs[0]) + i64::from(pairs[1])
-    };
-
+    let sum = |y: usize, x: usize| i64::from(sum_of_four(gray, y, x));
     let reach = i64::from(scale.reach());
     let (image, step) = if scale.step().is_some() {
         let mean = |(y, x, _)| ((sum(y, x) + 4 * reach) * (1 << 16) / (8 * reach)) as u16;
