@@ -83,10 +83,10 @@ class Flag(IntFlag):
     """
 
     MASKED = 1
-    """The left pixel is masked: there is no estimate."""
+    """The left pixel is masked and has no estimate."""
     NO_CANDIDATE = 2
-    """No candidate has a valid pixel in the right image: there is no estimate, unless one is filled
-    in."""
+    """No candidate has a valid pixel in the right image: the pixel has an estimate only if it is
+    filled."""
     OUTSIDE = 4
     """The match lies outside the right image."""
     MATCH_MASKED = 8
@@ -200,7 +200,7 @@ class Result:
     ----------
     disparity
         float32 (H, W), pixels: left pixel (x, y) corresponds to right pixel (x - disparity, y).
-        NaN where there is no estimate, and with ``fill=False`` where it is not trusted.
+        NaN for pixels without an estimate, and with ``fill=False`` for untrusted ones.
     flags
         uint16 (H, W), bits of `Flag`; 0 where nothing speaks against the estimate.
     confidence
@@ -219,7 +219,7 @@ class Result:
         matcher, and merging the maps).
     uncertainty
         float32 (H, W), pixels: half the width of the interval around the disparity that holds the
-        true one with a probability of 90 %; NaN where there is no estimate. None with
+        true one with a probability of 90 %; NaN without an estimate. None with
         ``confidence=False``.
     blur
         The estimates of blur and noise, if requested.

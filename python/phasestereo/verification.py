@@ -103,7 +103,7 @@ class Verification:
         Raises
         ------
         ValueError
-            If the pair is no longer available, as after a pickle.
+            If the pair is not available any more, for example after pickling.
         """
         if self.result.pair is None:
             raise ValueError("result: got no pair, as after a pickle; accepts one with its images")

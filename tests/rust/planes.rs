@@ -300,8 +300,8 @@ fn naive_detail(gray: &Plane<i32>, noise: f64) -> Plane<f32> {
     })
 }
 
-/// The pixels at which nothing but noise is seen, neither there nor to all sides in a copy, and that are not sure
-/// by themselves, or at which nothing but rounding is seen. `noises`: both, and rounding.
+/// The pixels at which nothing but noise is seen, neither there nor to all sides in a copy, and that are not
+/// sure by themselves, or at which nothing but rounding is seen. `noises`: both, and rounding.
 fn naive_unseen(gray: &Plane<i32>, noises: [f64; 2], map: &Disparity) -> BTreeSet<Place> {
     let [noise, rounding] = noises;
     let confidence = map.confidence.as_ref().expect("made so");
@@ -661,7 +661,7 @@ fn faint_pixels_do_not_outvote_an_outline() {
         }
     }
 
-    // With the detail of noise, they are evidence: then there is no plane.
+    // With the detail of noise, they are evidence against a plane.
     let (pair, _) = known_at_outline(nearly_blank(2, 3), |_, _| 20.0);
     assert!(drawn(&pair, before).flags.as_slice().iter().all(|flags| flags & flag::INFERRED == 0));
 }

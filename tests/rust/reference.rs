@@ -613,7 +613,7 @@ impl PathCosts<'_> {
 
         for y in by_steps(rows.clone(), dy) {
             for x in by_steps(columns.clone(), dx) {
-                // The previous pixel on the path; outside the rows and columns there is none, and nothing to
+                // The previous pixel on the path; outside the rows and columns it is missing, and nothing to
                 // add.
                 let from = (y.wrapping_add_signed(-dy), x.wrapping_add_signed(-dx));
                 let is_inside = rows.contains(&from.0) && columns.contains(&from.1);
@@ -676,7 +676,7 @@ pub struct PixelEvidence {
     pub chosen: u16,
     /// Its cost.
     pub best: u32,
-    /// The smallest cost of a candidate not next to it. [`NO_CANDIDATE`]: there is no such candidate.
+    /// The smallest cost of a candidate not next to it. [`NO_CANDIDATE`]: without such a candidate.
     pub second_best: u32,
     /// Sub-pixel offset of the match from the chosen candidate, pixels.
     pub offset: f32,

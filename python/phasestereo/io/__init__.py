@@ -1,6 +1,6 @@
 """Files in and out: images, disparity and depth maps, ground truth, calibrations, point clouds.
 
-In memory, a disparity map is float32 with NaN where there is no estimate; only this package
+In memory, a disparity map is float32 with NaN for pixels without an estimate; only this package
 translates each format's own mark for that (+inf in PFM, 0 in KITTI's PNG). The content of a file
 arrives exactly, to the bit, or not at all: nothing is narrowed, rescaled or clipped. Files are
 written completely or not at all. Images need the extra ``io``; ``.npy``, ``.npz``, ``.pfm`` and

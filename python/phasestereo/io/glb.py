@@ -31,7 +31,7 @@ def write_glb(path: StrPath, mesh: Mesh) -> None:
     TypeError
         If mesh is not a `phasestereo.Mesh`.
     ValueError
-        If the suffix is wrong, or there is no triangle.
+        If the suffix is wrong, or the mesh has no triangles.
     OSError
         If the file cannot be written.
     ImportError

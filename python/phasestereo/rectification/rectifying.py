@@ -94,7 +94,7 @@ def rectify(
     With a calibration the geometry is OpenCV's: ``stereoRectify``, ``initUndistortRectifyMap``,
     ``remap``. Without one, focal lengths, distortion, principal points and rotations are estimated
     together, so that rows correspond. Then the scale of the scene is unknown, and the horizontal
-    geometry is nearly unknown: `Q` is None.
+    geometry is nearly unknown, and `Q` stays None.
 
     Examples
     --------

@@ -23,7 +23,7 @@ class Rectified:
         - disparity, y). NaN as in `Result.disparity`. Depths follow from these.
     rows
         float32 (H, W), pixels: original left pixel (x, y) corresponds to right pixel (x -
-        ``result.disparity``, y + rows). NaN where there is no disparity.
+        ``result.disparity``, y + rows). NaN without a disparity.
     maps
         ``((left x, left y), (right x, right y))``, each float32 (H, W): the column and the row of
         the original image at which a rectified pixel is read, as ``cv2.remap`` takes them. NaN

@@ -437,7 +437,7 @@ unsafe fn place(found: *mut Found) -> Result<Option<(*mut Found, usize)>> {
     if found.is_null() { Ok(None) } else { Ok(Some((found, size(found)?))) }
 }
 
-/// Writes the estimates, unless there is no memory for them.
+/// Writes the estimates, if they fit into memory.
 ///
 /// # Safety
 ///

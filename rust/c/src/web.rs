@@ -58,7 +58,7 @@ pub unsafe extern "C" fn phasestereo_release(start: *mut u8, bytes: usize) {
 }
 
 /// Lets a matcher search on the page's GPU, whose workgroups have this many threads and whose buffers this
-/// many bytes (JavaScript numbers). Returns the matcher; its old pointer is no longer valid.
+/// many bytes (JavaScript numbers). Returns the matcher; its old pointer becomes invalid.
 ///
 /// # Safety
 ///

@@ -65,7 +65,7 @@ impl Back {
     }
 }
 
-/// A pair that is ready to be matched. Its pickle is None: everything is estimated again.
+/// A pair that is ready to be matched. It pickles as None: everything is estimated again.
 #[pyclass(module = "phasestereo._core", frozen)]
 #[derive(Debug)]
 pub struct Ready(pub match_pair::Ready);

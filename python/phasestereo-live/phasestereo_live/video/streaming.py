@@ -454,7 +454,7 @@ class _Work:
         _try(self._given, width=self._width)
 
         for name, image in zip(("left_mask", "right_mask"), images, strict=True):
-            if self.rectifier is None:  # else they are for raw images
+            if self.rectifier is None:  # with a rectifier, they belong to raw images
                 as_mask(self._given.masks[name], image.shape, name)
         self._checked = True
 

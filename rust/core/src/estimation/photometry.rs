@@ -193,7 +193,7 @@ impl Scales {
         let views = sample.views();
         let scales = views.map(View::scale);
 
-        // Integers begin at 0 and have as many bits as are in use; floats have one range in both images.
+        // Integers begin at 0 and have the number of bits in use; floats have one range in both images.
         let (black, range) = if let Some((step, _)) = scales[0].step().zip(scales[1].step()) {
             (0.0, 256.0 * scales[0].level() - step)
         } else {

@@ -7,7 +7,7 @@
 //! covariance of (x, y) = noise (-H)^-1                  # so the curvature is noise over the variance
 //! ```
 
-/// Least determinant of a peak: below it, there is no peak along one direction, as along an edge.
+/// Least determinant of a peak: below it, one direction has no peak, as along an edge.
 const LEAST_DETERMINANT: f64 = 1e-9;
 /// The noise of correlations is this minus their value. A little more than 1 keeps the precision finite.
 const PERFECT: f64 = 1.02;

@@ -34,7 +34,7 @@ pub struct Measured {
     pub unknown: Option<String>,
 }
 
-/// A row of a table. `M` measures the quantity; without a value there is no finding.
+/// A row of a table. `M` measures the quantity; without a value it makes no finding.
 #[derive(Debug, Clone, Copy)]
 pub struct Row<M> {
     topic: Topic,

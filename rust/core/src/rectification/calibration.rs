@@ -248,7 +248,7 @@ fn half_turn(rotation: &Matrix) -> Result<Matrix> {
     Ok(turned(scaled(axis, -0.5 * math::atan2(sin, cos) / sin)))
 }
 
-/// The rotation about an axis, by as many radians as the vector is long.
+/// The rotation about a vector by its length in radians.
 fn turned(axis: Vector) -> Matrix {
     let angle = norm(axis);
     let [x, y, z] = scaled(axis, 1.0 / angle);

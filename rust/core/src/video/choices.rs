@@ -20,7 +20,7 @@ pub const NEAR_END: f64 = 0.005;
 pub const STRAIGHTEN_FROM: f64 = 0.2;
 /// See [`STRAIGHTEN_FROM`].
 pub const STRAIGHTEN_ERRORS: f64 = 4.0;
-/// Pixels rms below which rows are no longer straightened.
+/// Pixels rms below which rows are not straightened any more.
 pub const STRAIGHT_BELOW: f64 = 0.08;
 /// Consecutive frames that change a state: which image is softer, whether much is wrong, and whether rows are
 /// straightened.

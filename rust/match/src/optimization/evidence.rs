@@ -5,7 +5,7 @@ use crate::base::error::Result;
 use crate::base::memory::Memory;
 use crate::base::value::ROWS;
 
-/// The cost when there is no candidate.
+/// The cost of a missing candidate.
 pub const NONE: u32 = u32::MAX;
 
 /// The evidence of the pixels of a band, row after row.

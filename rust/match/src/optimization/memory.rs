@@ -89,7 +89,7 @@ pub fn workspace(demand: &Demand) -> usize {
     // left.
     let seen = PANEL + LOOKAHEAD_COLUMNS;
     let places = |columns: usize| columns.div_ceil(STRIP) * STRIDE;
-    // The bands of low images are no taller.
+    // Lower images have bands of this height at most.
     let band = band_height(settings.optimizer, candidates, usize::MAX);
     let (rows, cols, totals) = match settings.optimizer {
         Optimizer::SemiGlobal => {

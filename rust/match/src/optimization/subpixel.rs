@@ -24,7 +24,7 @@ pub fn evidence(total: u32, cost: u32) -> u32 {
 /// below, the chosen one and the one above, each at most [`i32::MAX`].
 ///
 /// Only the ratio of the cost differences counts. Equal costs on both sides give 0. If one of them is below
-/// the candidate's own, the match is halfway to it. At either end of the range there is no V: use the
+/// the candidate's own, the match is halfway to it. At either end of the range the V is incomplete: use the
 /// candidate itself.
 #[inline(always)]
 pub fn offset(below: u32, own: u32, above: u32) -> f32 {

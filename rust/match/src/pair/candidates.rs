@@ -163,7 +163,7 @@ mod tests {
         // At either end they are shifted.
         assert_eq!(holding(3, 5, 2, 200), (0, 64));
         assert_eq!(holding(190, 199, 1, 200), (168, 200));
-        // All, if there are no more.
+        // All of them, where these are the only ones.
         assert_eq!(holding(3, 5, 2, 40), (0, 40));
         assert_eq!(holding(0, 199, 1, 200), (0, 200));
     }

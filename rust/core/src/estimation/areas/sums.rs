@@ -75,8 +75,8 @@ impl Loop for SumGuessed<'_> {
 
 impl Guess<'_> {
     /// Writes the bits in which the codes of a row differ from those at this offset from the guessed
-    /// disparities. Where there is no disparity, the last one to the left counts, otherwise the middle of the
-    /// run.
+    /// disparities. Where a disparity is missing, the last one to the left counts, otherwise the middle of
+    /// the run.
     #[inline(always)]
     fn differences(&self, [left, right]: [&Plane<u8>; 2], run: Span, off: i32, y: usize, line: &mut [u8]) {
         let share = self.finer as f32 / self.by as f32;

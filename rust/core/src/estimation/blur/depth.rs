@@ -55,7 +55,7 @@ const WORTH: f32 = 0.025;
 /// something else.
 const SHARE: f32 = 0.5;
 
-/// The smallest compensated radius, and the step between radii, pixels: steps of 1 are no better.
+/// The smallest compensated radius, and the step between radii, pixels: steps of 1 do not help.
 const FIRST: f32 = 2.0;
 const STEP: f32 = 1.5;
 /// Radii of either side that tiles may have.

@@ -159,7 +159,7 @@ impl Losses {
 
         let is_large = |choice: &usize| f64::from(areas[*choice]) >= LEAST_SHARE * labels.len() as f64;
         let mut kept: Vec<usize> = (0..self.choices).filter(is_large).collect();
-        // If losses are equal, or there is no evidence, the choice with the largest area.
+        // If losses are equal, or without evidence, the choice with the largest area.
         kept.sort_by_key(|choice| std::cmp::Reverse(areas[*choice]));
 
         for (label, losses) in labels.iter_mut().zip(self.values.chunks(self.choices)) {

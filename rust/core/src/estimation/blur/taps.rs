@@ -124,7 +124,7 @@ pub fn annulus(radius: f64, inner: f64) -> Taps {
         }
     }
 
-    // If no sample lies between the radii, there is no blur.
+    // Without a sample between the radii, the kernel is a point.
     if values.iter().all(|value| *value == 0.0) {
         values[side * side / 2] = 1.0;
     }
