@@ -201,7 +201,6 @@ def optimize(
         Matching and Mutual Information*, PAMI 2008). ``"wta"``: the least cost of each pixel on its
         own. Ties go to the smallest index. Paths from the right begin 16 columns beyond each panel
         of 64 columns, those from above and below 16 rows outside each band of 64 rows.
-        band of 64 rows.
 
     Returns
     -------
@@ -214,7 +213,7 @@ def optimize(
         If the costs are not a uint32 array, or P1 or P2 is not an integer.
     ValueError
         If the costs are not 3-D, are empty or exceed 2^28, P1 or P2 is out of range, or there is no
-         such optimizer.
+        such optimizer.
 
     Examples
     --------
