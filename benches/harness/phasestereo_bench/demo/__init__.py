@@ -1,8 +1,8 @@
-"""The demonstration: what one blurred, dim image does to stereo, and what phase codes do about it.
+"""Demonstrates how one blurred, dim image hurts stereo, and how phase codes help.
 
-A rendered scene, exact truth included, is matched by phase codes and by what they are meant to
-replace: once with both images sharp, once with the left one degraded (`trials`). What came of it
-becomes a folder of maps, pictures and a page that explains them (`exhibit`).
+`trials` matches a rendered scene, whose truth is exact, by phase codes and by the methods they are
+meant to replace: once with both images sharp, once with the left one degraded. `exhibit` writes the
+results to a folder of maps, pictures and a page that explains them.
 """
 
 from phasestereo_bench.demo.exhibit import write_demo

@@ -1,4 +1,4 @@
-"""The results of a demonstration: maps, pictures, and a page that explains them."""
+"""Writes the results of a demonstration: maps, pictures, and a page that explains them."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ from phasestereo_bench.report.plots import figure_of, save_plot
 
 
 def write_demo(demo: Demo, folder: str | os.PathLike[str]) -> list[Path]:
-    """Write maps, pictures and ``report.html`` into a folder, in place of those of an earlier demo.
+    """Write maps, pictures and ``report.html`` to a folder; replace those of an earlier demo.
 
     Parameters
     ----------
     demo
-        What `run_demo` returned.
+        The result of `run_demo`.
     folder
-        Where to; it is made if it does not exist.
+        The folder to write to; it is made if it does not exist.
 
     Returns
     -------
@@ -48,7 +48,7 @@ def write_demo(demo: Demo, folder: str | os.PathLike[str]) -> list[Path]:
     Raises
     ------
     OSError
-        If the folder cannot be made or a file not written.
+        If the folder cannot be made or a file cannot be written.
     """
     target = Path(folder)
     target.mkdir(parents=True, exist_ok=True)
@@ -69,7 +69,7 @@ def write_demo(demo: Demo, folder: str | os.PathLike[str]) -> list[Path]:
 
 
 def _pictures(demo: Demo) -> dict[str, Picture]:
-    """Return everything there is to look at, by file name."""
+    """Return all pictures by file name."""
     pair, truth = demo.pair, cast("Map", demo.pair.truth)
     nonocc = pair.masks["nonocc"]
 
@@ -91,7 +91,7 @@ def _pictures(demo: Demo) -> dict[str, Picture]:
 
 
 def _overview(demo: Demo) -> Any:
-    """Return the whole story in one figure."""
+    """Return one figure that shows the whole story."""
     pair, truth = demo.pair, cast("Map", demo.pair.truth)
     shown = [outcome for outcome in demo.outcomes if outcome.method in (ROBUST, SGBM, NSAD)]
     found = [outcome.degraded.disparity for outcome in shown]
@@ -159,7 +159,7 @@ def _page(demo: Demo, folder: Path) -> str:
 
 
 def _changes(method: DemoMethod) -> dict[str, object]:
-    """Return the preset and the fields that are not as in it, by name."""
+    """Return the preset and, by name, the fields that differ from it."""
     preset = PRESETS[method.preset]
     names = [field.name for field in fields(preset)]
     changed = [name for name in names if getattr(method.settings, name) != getattr(preset, name)]

@@ -1,4 +1,4 @@
-"""A rendered pair, its left image degraded, and how every method fares with and without that."""
+"""Degrades the left image of a rendered pair, and scores every method with and without that."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from phasestereo_bench.datasets import Pair
 from phasestereo_bench.degradation import Degradation, disk_psf
 from phasestereo_bench.rendering import render_pair
 
-# As large as the disk, as in the paper. Wider ones help normalized SAD against the blur and cost
-# everyone outlines; means over seeds 0 to 4, left image degraded, at 7, 9, 11 and 13 pixels:
-# normalized SAD 43.6, 32.0, 30.1 and 30.8 % wrong, phase codes 16.5, 18.0, 20.1 and 22.6 %.
+# As large as the disk, as in the paper. Wider windows help normalized SAD against the blur, but
+# every method loses outlines; means over seeds 0 to 4, left image degraded, at 7, 9, 11 and 13
+# pixels: normalized SAD 43.6, 32.0, 30.1 and 30.8 % wrong, phase codes 16.5, 18.0, 20.1 and 22.6 %.
 WINDOW = 7
 
 # The paper's equation 9 asks for twice the disk's diameter. Left image degraded, L = 11, 13, 15 and
@@ -38,9 +38,9 @@ class DemoMethod:
     name
         Its name in text.
     settings
-        Those of `phasestereo.match`; None stands for OpenCV's StereoSGBM.
+        Settings of `phasestereo.match`; None stands for OpenCV's StereoSGBM.
     preset
-        The preset of which `settings` are shown as changes.
+        The page shows how `settings` differ from this preset.
     """
 
     key: str
@@ -50,7 +50,7 @@ class DemoMethod:
 
     @property
     def is_ours(self) -> bool:
-        """Whether it compares phase codes."""
+        """Whether the method compares phase codes."""
         return self.settings is not None and self.settings.cost == "phase"
 
     def match(self, left: Image, right: Image, num_disparities: int) -> Map:
@@ -58,14 +58,14 @@ class DemoMethod:
         if self.settings is None:
             return match_sgbm(left, right, num_disparities)
 
-        with unwarned():  # how bad a map is, its score says
+        with unwarned():  # the score shows how bad a map is
             result = match(left, right, num_disparities=num_disparities, settings=self.settings)
         return result.disparity
 
 
 _PAPER = PRESETS["paper"]
 
-# Knows nothing of the blur, and nothing of it is tuned on these scenes.
+# It does not know the blur, and none of its settings is tuned on these scenes.
 ROBUST = DemoMethod("robust", "robust (finds the blur itself)", PRESETS["robust"], "robust")
 
 # Penalties are the best for each on the scenes of seeds 5 to 8, both images sharp; in bits, gray
@@ -78,7 +78,7 @@ PHASE = DemoMethod(
     f"phase codes, L = {NEIGHBORHOOD}",
     replace(_PAPER, neighborhood=NEIGHBORHOOD, window=WINDOW, p1=6, p2=6),
 )
-# What one would take if both images were sharp: outlines are crisper, and blur does more harm.
+# A user with sharp images would take this: outlines are crisper, and blur does more harm.
 SMALL = DemoMethod("phase7", "phase codes, L = 7", replace(_PAPER, window=WINDOW, p1=6, p2=6))
 SAD = DemoMethod("sad", "SAD", replace(_PAPER, cost="sad", window=WINDOW, p1=10, p2=10))
 NSAD = DemoMethod("nsad", "normalized SAD", replace(_PAPER, cost="nsad", window=WINDOW, p1=1, p2=1))
@@ -93,7 +93,7 @@ RADIUS, GAIN, OFFSET, NOISE = 3.0, 0.6, 10.0, 2.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ScoredMap:
-    """What a method made of a pair: disparities in pixels, bad-1.0 in %, wall-clock seconds."""
+    """A method's result for a pair: disparities in pixels, bad-1.0 in %, wall-clock seconds."""
 
     disparity: Map
     bad: float
@@ -102,7 +102,7 @@ class ScoredMap:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Comparison:
-    """A method's trials on the sharp pair and on the one whose left image is degraded."""
+    """A method's trials on the sharp pair and on the pair with the degraded left image."""
 
     method: DemoMethod
     sharp: ScoredMap
@@ -111,7 +111,7 @@ class Comparison:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Demo:
-    """The scene, its degraded left image, and the outcome of every method, phase codes first."""
+    """The scene, its degraded left image, and the result of every method, phase codes first."""
 
     seed: int
     pair: Pair
@@ -127,19 +127,19 @@ def run_demo(
     num_disparities: int = 64,
     progress: Callable[[int, int], object] | None = None,
 ) -> Demo:
-    """Render a scene, degrade its left image, and match it both ways by every method.
+    """Render a scene, degrade its left image, and match both pairs by every method.
 
     Parameters
     ----------
     seed, height, width, num_disparities
-        As for `phasestereo_bench.rendering.render_pair`; the seed is that of the noise, too.
+        As for `phasestereo_bench.rendering.render_pair`; the noise has the same seed.
     progress
         Called as ``progress(done, trials)`` after every trial.
 
     Returns
     -------
     Demo
-        With the outcomes of all `METHODS`.
+        The results of all `METHODS`.
 
     Raises
     ------
@@ -161,7 +161,7 @@ def run_demo(
 
 
 def degradation(seed: int) -> Degradation:
-    """Return the degradation of the left image; the seed is that of the noise."""
+    """Return the degradation of the left image; `seed` draws the noise."""
     return Degradation(disk_psf(RADIUS), gain=GAIN, offset=OFFSET, noise=NOISE, seed=seed)
 
 
@@ -175,7 +175,7 @@ def _attempt(method: DemoMethod, left: Image, pair: Pair) -> ScoredMap:
 
 
 def verdict(demo: Demo) -> str:
-    """Say in a sentence what the figures mean."""
+    """Explain the figures in a sentence."""
     phase = demo.outcomes[0]
     others = [outcome for outcome in demo.outcomes if not outcome.method.is_ours]
 

@@ -1,4 +1,4 @@
-"""The paper's experiments on its own pairs: its tables again, its claims beside our results.
+"""Repeats the paper's experiments on its own pairs, and puts its claims beside our results.
 
     from phasestereo_bench import paper
 

@@ -1,4 +1,4 @@
-"""The paper's claims beside our measurements: verdicts, and the tables behind them."""
+"""Judges the paper's claims by our measurements, and makes the tables behind the verdicts."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from phasestereo_bench.paper.experiments import (
 from phasestereo_bench.paper.study import SCENES, Reading, Study, curve
 from phasestereo_bench.report.tables import MISSING, Table
 
-_GAIN = 5.0  # points that the paper's method gains "in many cases" at the least
+_GAIN = 5.0  # points that the paper's method gains at least "in many cases"
 _FLAT = 2.0  # points over which a "fairly constant" figure may spread
-_PARTLY = 2 / 3  # of what reproduces a claim reproduces it in part
+_PARTLY = 2 / 3  # a claim is reproduced in part if this share of its conditions holds
 
 BETTER, GAINS, CONSTANT = (
     "better in all cases",
@@ -45,14 +45,14 @@ class ClaimVerdict(Enum):
 
 
 class Setup(NamedTuple):
-    """How the methods are set up: a protocol, and which of an experiment's rules for L."""
+    """A setup of the methods: a protocol, and one of an experiment's rules for L."""
 
     name: str
     protocol: str
     number: int = 0
 
     def rule(self, experiment: Experiment) -> str:
-        """Return the rule for L in an experiment; the only one where it has one; or none."""
+        """Return the rule for L in an experiment; the only one if it has one; or no rule."""
         if self.protocol == "fixed":
             return ""
         return experiment.rules[min(self.number, len(experiment.rules) - 1)]
@@ -67,13 +67,13 @@ _SETUPS_OF_GAUSS = {"tied": "tied to the blur, L = 4 sigma + 1", "fixed": "fixed
 
 
 class ClaimCase(NamedTuple):
-    """An experiment on a pair, and by how many points phase codes are better there.
+    """An experiment on a pair, and the points by which phase codes are better there.
 
     Attributes
     ----------
     gains, over_best
-        By level with any blur, ascending: than the rival that the paper names, and than the better
-        one of both rivals.
+        Points of phase codes over the rival that the paper names, and over the better one of both
+        rivals, one per level with any blur, ascending.
     """
 
     experiment: Experiment
@@ -83,7 +83,7 @@ class ClaimCase(NamedTuple):
 
     @property
     def larger_gains(self) -> list[float]:
-        """The gains in the upper half of the range of levels."""
+        """Gains in the upper half of the range of levels."""
         middle = (min(self.gains) + max(self.gains)) / 2
         return [gain for level, gain in self.gains.items() if level >= middle]
 
@@ -98,12 +98,12 @@ class BitsLine(NamedTuple):
 
     @property
     def spread(self) -> float:
-        """Largest less smallest, percentage points."""
+        """Difference between the largest and the smallest figure, percentage points."""
         return max(self.bad.values()) - min(self.bad.values())
 
 
 class ClaimResult(NamedTuple):
-    """What became of a claim, by which settings, and where it holds."""
+    """The verdict on a claim, the settings behind it, and where the claim holds."""
 
     claim: str
     setup: str
@@ -114,9 +114,9 @@ class ClaimResult(NamedTuple):
 def judge_claims(readings: Sequence[Reading]) -> list[ClaimResult]:
     """Judge the claims.
 
-    Phase codes are to be better at every level of every case; better by 5 points at half of the
-    levels in the upper halves of the ranges ("in many cases"); and every line of Figure 3 is to
-    spread over no more than 2 points. Two thirds of that reproduce a claim in part.
+    Phase codes must be better at every level of every case; better by 5 points at half of the
+    levels in the upper halves of the ranges ("in many cases"); and every line of Figure 3 must
+    spread over no more than 2 points. If two thirds of that hold, a claim is reproduced in part.
     """
     found = {setup.name: cases(readings, setup) for setup in SETUPS}
 
@@ -151,7 +151,7 @@ def _judge(
 
 
 def cases(readings: Sequence[Reading], setup: Setup) -> list[ClaimCase]:
-    """Return all the cases that the claims are about, for one setup of the methods."""
+    """Return all cases that the claims cover, for one setup of the methods."""
     return [_case(readings, each, scene, setup) for each in EXPERIMENTS for scene in SCENES]
 
 
@@ -195,7 +195,7 @@ def lines(readings: Sequence[Reading]) -> list[BitsLine]:
 
 
 def claims_table(found: Sequence[ClaimResult]) -> Table:
-    """Return the verdicts."""
+    """Return the table of verdicts."""
     rows = ((each.claim, each.setup, each.verdict.value, each.holds_at) for each in found)
     return Table.of(("claim", "settings", "verdict", "holds at"), rows, labels=3)
 
@@ -239,7 +239,7 @@ def bits_table(found: Sequence[BitsLine]) -> Table:
 
 
 def settings_table(study: Study) -> Table:
-    """Return the settings that were chosen on the sharp pairs."""
+    """Return the settings chosen on the sharp pairs."""
     header = (
         *("pair", "method", "unit of the penalty", "fixed: L", "fixed: window", "fixed: penalty"),
         *("fixed: bad, %", "tied: penalty", "tied: bad, %"),

@@ -1,6 +1,6 @@
-"""The paper's experiments: the blurred images, the amounts of blur, and the methods.
+"""Defines the paper's experiments: the blurred images, the amounts of blur, and the methods.
 
-Two protocols set the methods up, both without a look at any blurred pair:
+Two protocols set up the methods, and neither looks at a blurred pair:
 
 - "fixed": every method has the settings of its grid that are the best on the sharp pair, and keeps
   them at all levels;
@@ -39,8 +39,8 @@ class PaperBlur:
     kind
         Motion along a row or a column, Gaussian blur, or areas of different degradations.
     amount
-        Length in pixels, standard deviation in pixels, or the blur factor: motion of that length
-        along x, and a disk of that diameter. Motion of 1 and a Gaussian of 0 change nothing.
+        Length in pixels, standard deviation in pixels, or the blur factor, which is the length of a
+        motion along x and the diameter of a disk. Motion of 1 and a Gaussian of 0 change nothing.
     """
 
     kind: Kind
@@ -97,13 +97,13 @@ class MatchingCost(NamedTuple):
     Attributes
     ----------
     cost
-        As `phasestereo.Settings` has it.
+        Name of the cost in `phasestereo.Settings`.
     name
         Its name in text.
     unit
-        That of its cost, and so of its penalties.
+        Unit of its cost, and so of its penalties.
     penalties
-        Those to choose from.
+        Penalties to choose from.
     """
 
     cost: Literal["phase", "sad", "nsad"]
@@ -112,7 +112,7 @@ class MatchingCost(NamedTuple):
     penalties: tuple[float, ...]
 
     def candidates(self, grid: Grid, power: int) -> list[Settings]:
-        """Return all the settings to choose from; where two are equally good, the first counts."""
+        """Return all settings to choose from; if two are equally good, the first counts."""
         sides = grid.neighborhoods if self.cost == "phase" else (None,)
         return [
             self.settings(window=window, neighborhood=side, penalty=penalty, power=power)
@@ -124,7 +124,7 @@ class MatchingCost(NamedTuple):
     def settings(
         self, *, window: int, penalty: float, neighborhood: int | None = None, power: int = 1
     ) -> Settings:
-        """Return the settings of the paper's preset but for these; b = 2."""
+        """Return the settings of the paper's preset with these changes; b = 2."""
         paper = Settings.preset("paper")
         if self.cost != "phase" or neighborhood is None:
             return replace(paper, cost=self.cost, window=window, p1=penalty, p2=penalty)
@@ -135,10 +135,10 @@ class MatchingCost(NamedTuple):
 
 
 def recoded(settings: Settings, bits: int) -> Settings:
-    """Return settings of phase codes with other bits of phase.
+    """Return settings of phase codes with another number of phase bits.
 
-    A component takes 2^(b - 1) bits of the code, so all distances double with every further bit of
-    phase, and so does the penalty.
+    A component takes 2^(b - 1) bits of the code, so each further bit of phase doubles all distances
+    and the penalty.
     """
     penalty = settings.p1 * 2.0 ** (bits - settings.bits)
     return replace(settings, bits=bits, p1=penalty, p2=penalty)
@@ -170,7 +170,7 @@ second at one and a half times that. A Gaussian has no zeros."""
 
 
 class Series(NamedTuple):
-    """A line in a figure: a method set up by a protocol; `rule` gives L, if that follows one."""
+    """A line in a figure: a method set up by a protocol; `rule` gives L, if L follows a rule."""
 
     protocol: str
     method: MatchingCost
@@ -190,17 +190,17 @@ class Experiment:
     title, symbol
         Its name in text, and the symbol of a level.
     kind
-        What is done to the left image.
+        The kind of blur of the left image.
     levels
-        How much of it.
+        The amounts of blur.
     quick_levels
-        Those of them that make do for a trial.
+        The levels that are enough for a trial.
     power
         The power k of the descriptor; b = 2, r = 2, s = 1.
     rules
-        Rules for L in the protocol "tied", the first being the paper's own bound.
+        Rules for L in the protocol "tied"; the first is the paper's own bound.
     rival
-        What the paper compares with.
+        The method that the paper compares with.
     """
 
     key: str
@@ -215,19 +215,19 @@ class Experiment:
     rival: MatchingCost = SAD
 
     def levels_of(self, *, quick: bool) -> tuple[float, ...]:
-        """Return the levels that are measured."""
+        """Return the levels to measure."""
         return self.quick_levels if quick else self.levels
 
     def blur(self, level: float) -> PaperBlur:
-        """Return the degradation of the left image, or none."""
+        """Return the degradation of the left image, or one that changes nothing."""
         return SHARP if self.is_sharp(level) else PaperBlur(self.kind, level)
 
     def is_sharp(self, level: float) -> bool:
-        """Tell whether nothing is done."""
+        """Return whether the left image stays as it is."""
         return (self.kind, level) in {("gauss", 0), ("motion x", 1), ("motion y", 1)}
 
     def size(self, level: float) -> float:
-        """Return the size of the point-spread function, pixels: of a Gaussian, 2 sigma each way."""
+        """Return the point-spread function's size, pixels: 2 sigma each way for a Gaussian."""
         return 4 * level + 1 if self.kind == "gauss" else level
 
     def window(self, level: float) -> int:
@@ -235,7 +235,7 @@ class Experiment:
         return odd(max(SMALLEST, self.size(level)))
 
     def neighborhood(self, level: float, rule: str) -> int:
-        """Return the neighborhood's side by a rule."""
+        """Return the side of the neighborhood that a rule gives."""
         return odd(max(SMALLEST, RULES[rule](level)))
 
     def series(self, protocol: str) -> list[Series]:
@@ -246,7 +246,7 @@ class Experiment:
 
 
 def odd(side: float) -> int:
-    """Return the smallest odd integer that is not smaller."""
+    """Return the smallest odd integer at or above `side`."""
     return ceil(side) | 1
 
 
@@ -289,7 +289,7 @@ BITS = (1, 2, 3, 4)
 """Bits of the phase in Figure 3, under the Gaussian blur of `BITS_SIGMAS` pixels."""
 
 BITS_KEY = "bits"
-"""What stands for Figure 3 where the others have the key of their experiment."""
+"""The key of Figure 3; the other figures have the key of their experiment."""
 
 BITS_SIGMAS = (0.25, 1.0, 4.0)
 QUICK_BITS_SIGMAS = (1.0,)

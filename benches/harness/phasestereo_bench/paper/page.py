@@ -1,4 +1,4 @@
-"""The output of the experiments: Figures 2 and 3, and a page of all tables."""
+"""Writes the results of the experiments: Figures 2 and 3, and a page of all tables."""
 
 from __future__ import annotations
 
@@ -46,16 +46,16 @@ as many reproduce it in part.
 
 
 def write_study(study: Study, store: Path, folder: Path) -> list[Path]:
-    """Write figures and the page, in place of those of an earlier run.
+    """Write the figures and the page; replace those of an earlier run.
 
     Parameters
     ----------
     study
-        What was measured.
+        The measured study.
     store
-        Where `run_study` kept it, and with what machine and software.
+        The file where `run_study` kept the records, with their machine and software.
     folder
-        Where to; it exists.
+        An existing folder to write to.
 
     Returns
     -------

@@ -47,7 +47,7 @@ Watch = Callable[[str], AbstractContextManager[Progress]]
 
 
 SCENES = {"cones": "scenes2003/cones", "tsukuba": "scenes2001/tsukuba"}
-"""The paper's pairs, in the order of its columns, and where Middlebury's folders have them."""
+"""The paper's pairs, in the order of its columns, and their paths in Middlebury's folders."""
 
 
 # Pairs
@@ -55,7 +55,7 @@ SCENES = {"cones": "scenes2003/cones", "tsukuba": "scenes2001/tsukuba"}
 
 @dataclass(frozen=True, slots=True)
 class Pairs:
-    """Where the pairs are, and digests that distinguish them from others of the same names."""
+    """The folder of the pairs, and digests that distinguish them from others of the same names."""
 
     folder: Path
     digests: dict[str, str]
@@ -67,9 +67,9 @@ def load_pairs(folder: str | os.PathLike[str]) -> Pairs:
     Raises
     ------
     OSError
-        If the folder or a file of it cannot be read.
+        If the folder or a file in it cannot be read.
     ValueError
-        If a pair is not there, or comes without truth or without a mask of what both images see.
+        If a pair is missing, or has no truth or no mask of the pixels that both images see.
     """
     root = Path(folder).absolute()
     return Pairs(root, {scene: _digest(load_pair(str(root), scene)) for scene in SCENES})
@@ -77,7 +77,7 @@ def load_pairs(folder: str | os.PathLike[str]) -> Pairs:
 
 @lru_cache(maxsize=len(SCENES))
 def load_pair(folder: str, scene: str) -> Pair:
-    """Return a pair that can be scored; errors as those of `load_pairs`."""
+    """Return a pair that can be scored; raise the same errors as `load_pairs`."""
     found = find_scene(folder, SCENES[scene])
     pair = found.load()
 
@@ -102,19 +102,19 @@ def _digest(pair: Pair) -> str:
 
 @dataclass(frozen=True, slots=True)
 class PaperCell:
-    """What is measured once, however many figures and tables show it."""
+    """One measurement, which several figures and tables may show."""
 
     scene: str
     blur: PaperBlur
     settings: Settings
 
     def job(self, pairs: Pairs) -> Job:
-        """Return the job that measures it.
+        """Return the job that measures the cell.
 
         The key holds a digest of the pair and the version of this package: another pair under the
         same name, or another matcher, is another cell.
         """
-        # What matters to phase codes is None where there are none.
+        # Fields that only phase codes use are None for other costs.
         names = ("power", "bits", "neighborhood")
         phase = self.settings.cost == "phase"
         key = {
@@ -133,7 +133,7 @@ class PaperCell:
 
 
 def score_cell(folder: str, cell: PaperCell) -> dict[str, Any]:
-    """Match and return the % of pixels off by more than 1, by region; None without its mask."""
+    """Match; return the % of pixels off by more than 1, by region; None if its mask is missing."""
     pair = load_pair(folder, cell.scene)
     left, count = degraded(folder, cell.scene, cell.blur), pair.num_disparities
     found = match(left, pair.right, num_disparities=count, settings=cell.settings, threads=1)
@@ -144,7 +144,7 @@ def score_cell(folder: str, cell: PaperCell) -> dict[str, Any]:
 
 @lru_cache(maxsize=4)
 def degraded(folder: str, scene: str, blur: PaperBlur) -> NDArray[np.uint8]:
-    """Return the left image of a pair, degraded; cells of one image are measured in a row."""
+    """Return the degraded left image of a pair; cells of one image are measured in a row."""
     image: NDArray[np.uint8] = blur(load_pair(folder, scene).left)
     image.flags.writeable = False
     return image
@@ -158,16 +158,16 @@ def measure(
     workers: int | None = None,
     progress: Progress = None,
 ) -> dict[PaperCell, float]:
-    """Measure the % of non-occluded pixels that are off by more than 1, of cells.
+    """Measure the % of non-occluded pixels that are off by more than 1, for each cell.
 
-    But for those which a store has already; any may come more than once.
+    Skip cells that the store already has; a cell may appear more than once.
 
     Raises
     ------
     RuntimeError
-        If a cell failed; those that did not are in the store.
+        If a cell failed; the others are in the store.
     OSError, TypeError, ValueError, KeyboardInterrupt
-        As `phasestereo_bench.run_jobs`, whose arguments the others are.
+        As `phasestereo_bench.run_jobs`, which takes the other arguments.
     """
     # One image after another: a process keeps the last few that it degraded.
     ordered = sorted(dict.fromkeys(cells), key=lambda cell: (cell.scene, str(cell.blur)))
@@ -188,7 +188,7 @@ def measure(
 
 
 class TuningTask(NamedTuple):
-    """A choice to make: the settings of a method for a pair, and for a power k of the codes."""
+    """A choice to make: the settings of a method for a pair and a power k of the codes."""
 
     scene: str
     method: MatchingCost
@@ -200,17 +200,17 @@ class TuningTask(NamedTuple):
 
     @property
     def tied(self) -> list[Settings]:
-        """What the protocol "tied" chooses its penalty from."""
+        """Settings from which the protocol "tied" chooses its penalty."""
         return self.candidates(Grid((SMALLEST,), (SMALLEST,)))
 
     def cells(self, grid: Grid) -> list[PaperCell]:
-        """Return all that has to be measured to choose."""
+        """Return all cells to measure before the choice."""
         wanted = dict.fromkeys([*self.candidates(grid), *self.tied])
         return [PaperCell(self.scene, SHARP, settings) for settings in wanted]
 
 
 class ChosenSettings(NamedTuple):
-    """What was chosen on the sharp pair, and the % of bad pixels there.
+    """The settings chosen on the sharp pair, and the % of bad pixels there.
 
     Attributes
     ----------
@@ -227,7 +227,7 @@ class ChosenSettings(NamedTuple):
 
 
 def tuning_task(scene: str, method: MatchingCost, experiment: Experiment) -> TuningTask:
-    """Return the task whose settings an experiment takes; only phase codes have a power k."""
+    """Return the task that sets up an experiment; only phase codes have a power k."""
     return TuningTask(scene, method, experiment.power if method is PHASE else 1)
 
 
@@ -238,7 +238,7 @@ def tuning_tasks() -> list[TuningTask]:
 
 
 def choose(one: TuningTask, grid: Grid, bad: Mapping[PaperCell, float]) -> ChosenSettings:
-    """Return the best settings, the first of them where several are equally good."""
+    """Return the best settings, or the first of them if several are equally good."""
 
     def badness(settings: Settings) -> float:
         return bad[PaperCell(one.scene, SHARP, settings)]
@@ -257,12 +257,12 @@ class Reading:
     Attributes
     ----------
     experiment, scene, protocol, method, rule, level
-        Which point: keys of an experiment ("bits" being Figure 3) and of a pair, "tied" or
-        "fixed", the cost, the rule for L (empty elsewhere), and the amount of blur.
+        The point: keys of an experiment ("bits" for Figure 3) and of a pair, "tied" or "fixed", the
+        cost, the rule for L (empty elsewhere), and the amount of blur.
     bits
-        Those of a phase.
+        Bits of a phase.
     nonocc
-        % of the pixels that both images see which are off by more than 1 pixel.
+        % of the pixels seen by both images that are off by more than 1 pixel.
     """
 
     experiment: str
@@ -276,7 +276,7 @@ class Reading:
 
 
 def curve(readings: Iterable[Reading], **wanted: str | float) -> dict[float, float]:
-    """Return the % of bad non-occluded pixels by level, of the points with these attributes."""
+    """Return the % of bad non-occluded pixels by level, for the points with these attributes."""
     return {
         each.level: each.nonocc
         for each in readings
@@ -286,14 +286,14 @@ def curve(readings: Iterable[Reading], **wanted: str | float) -> dict[float, flo
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Study:
-    """All that was measured.
+    """All measurements of the experiments.
 
     Attributes
     ----------
     quick
-        Whether these are the few levels of a trial.
+        Whether the study has only the few levels of a trial.
     choices
-        What was chosen.
+        The chosen settings.
     readings
         The points of Figures 2 and 3.
     """
@@ -318,19 +318,19 @@ def run_study(
     workers: int | None = None,
     watch: Watch = lambda _: nullcontext(),
 ) -> Study:
-    """Run the experiments, but for what a store has of them already.
+    """Run the experiments; skip the cells that a store already has.
 
     Parameters
     ----------
     pairs
-        As of `load_pairs`.
+        The result of `load_pairs`.
     store, workers
         As for `phasestereo_bench.run_jobs`.
     quick
         Whether a few levels and settings are enough.
     watch
-        Called with the name of a stage, it returns a context manager for the callable that gets
-        the progress of the stage, or for None.
+        A function from the name of a stage to a context manager, which yields the callable that
+        gets the progress of the stage, or None.
 
     Raises
     ------
@@ -375,7 +375,7 @@ def _cell_at(
     level: float,
     choices: Mapping[TuningTask, ChosenSettings],
 ) -> PaperCell:
-    """Return a line's value for a pair at a level of the blur."""
+    """Return the cell of a line for a pair at a level of the blur."""
     choice = choices[tuning_task(scene, series.method, experiment)]
     settings = choice.fixed
 
@@ -403,7 +403,7 @@ def _points(choices: Mapping[TuningTask, ChosenSettings], *, quick: bool) -> lis
 
 
 def _bits_points(choices: Mapping[TuningTask, ChosenSettings], *, quick: bool) -> list[_Point]:
-    """Return the points of Figure 3: the settings of the second experiment, but for the bits."""
+    """Return the points of Figure 3: settings of the second experiment with other bits."""
     points = []
     for scene in SCENES:
         for protocol in PROTOCOLS:

@@ -1,4 +1,4 @@
-"""The suite "surfaces": plain, slanted and curved surfaces, edges and thin things, at many sizes.
+"""Scores plain, slanted and curved surfaces, edges and thin things, at many sizes.
 
     from pathlib import Path
 
