@@ -1,4 +1,4 @@
-"""The speed benchmark: the time and memory of our matcher and OpenCV's for a pair.
+"""The speed benchmark measures the time and memory of our matcher and OpenCV's for a pair.
 
     from pathlib import Path
 
@@ -8,7 +8,7 @@
     pairs, left_out = find_pairs(Path("data"), cache=Path("."))
     records = run_jobs(speed_jobs(pairs), Path("speed.jsonl"), workers=0)
 
-Data flow: `pairs` -> `contenders`, timed in turn by `rounds` and weighed by `memory` -> `records`,
+Data flow: `pairs` -> `contenders`, which `rounds` times in turn and `memory` weighs -> `records`,
 in a store -> the tables of `results`.
 """
 

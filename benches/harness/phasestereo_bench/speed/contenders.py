@@ -1,7 +1,7 @@
-"""Contenders: ours and OpenCV's matchers, each made once for a pair and then called as it is.
+"""Makes our matchers and OpenCV's, each once for a pair; rounds then call them as they are.
 
-OpenCV's get the raw images, and what they return is left as it is: no borders are continued, and no
-float map with unknown pixels is made, so they do less than ours, which flatters them.
+OpenCV's matchers get the raw images, and their results stay as they are: nothing continues borders
+or makes a float map with unknown pixels. So they do less than ours, which flatters them.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from phasestereo.matching import Matcher, match
 from phasestereo.settings import PRESETS
 
 MATCH = "+match"
-"""Ending of ours that make a matcher for each pair, and give its memory back."""
+"""Ending for those of our contenders that make a matcher for each pair, and free its memory."""
 
 Call: TypeAlias = Callable[..., Any]
-"""Takes the two images."""
+"""A function that takes the two images."""
 
 OURS: Mapping[str, str] = MappingProxyType(
     {preset: f"phasestereo:{preset}" for preset in ("fast", "robust")}
 )
-"""What ours are called, by preset. Each is timed against all rivals."""
+"""The names of our contenders, by preset. Each is timed against all rivals."""
 
 
 def _ours(preset: str, num_disparities: int, threads: int | None) -> Call:
@@ -60,14 +60,14 @@ CONTENDERS: Mapping[str, Callable[[int, int | None], Call]] = MappingProxyType(
         ),
     }
 )
-"""What makes each of them for a number of disparities and threads, None being all there are.
+"""The makers of the contenders, for a number of disparities and threads; None means all threads.
 
-OpenCV's matchers take theirs from `set_opencv_threads` instead.
+OpenCV's matchers take their threads from `set_opencv_threads` instead.
 """
 
 
 def set_opencv_threads(count: int) -> None:
-    """Let OpenCV use a number of threads, and start them at once, not while it is timed."""
+    """Let OpenCV use a number of threads, and start them now, before the timing."""
     cv2 = require("cv2", extra="opencv")
     if cv2.getNumThreads() != count:
         cv2.setNumThreads(count)
@@ -78,8 +78,8 @@ def set_opencv_threads(count: int) -> None:
 def opencv_build() -> str:
     """Return the instruction sets that OpenCV was compiled for, as it reports them.
 
-    Such as "baseline: SSE SSE2 SSE3; dispatched: SSE4_1 AVX2": the latter are used where there is
-    code that was written for them, which StereoBM has none of.
+    An example is "baseline: SSE SSE2 SSE3; dispatched: SSE4_1 AVX2": OpenCV uses the dispatched
+    sets where it has code for them. StereoBM has no such code.
     """
     report = require("cv2", extra="opencv").getBuildInformation()
     names = {"Baseline": "baseline", "Dispatched code generation": "dispatched"}

@@ -1,4 +1,4 @@
-"""Memory: the rise of resident memory during one match, each in a separate process."""
+"""Measures the rise of resident memory during a match, each in a separate process."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ def memory_of(name: str, pair: GrayPair, *, threads: int) -> dict[str, Any]:
     Parameters
     ----------
     name
-        Of `CONTENDERS`.
+        Name of one of `CONTENDERS`.
     pair
-        What to match.
+        The pair to match.
     threads
-        How many. A fresh process holds every library to one thread, so it cannot find out by
-        itself.
+        Number of threads. A fresh process holds every library to one thread, so it cannot find the
+        number by itself.
 
     Returns
     -------
     dict
-        ``"peak_bytes"``: the rise of the peak of the resident memory over that of the process when
-        it has matched a small pair, None where it is not known; ``"result_bytes"``: how
-        much of that the arrays are which were returned; ``"first_call"``: the time of that match
-        divided by that of the next. Or ``"error"``: why none is known.
+        ``"peak_bytes"``: the rise of the peak of the resident memory over that of the process after
+        it has matched a small pair, None if it is unknown; ``"result_bytes"``: the part of that
+        which the returned arrays take; ``"first_call"``: the time of the small match divided by
+        that of the next. Or ``"error"``: the reason why all of these are unknown.
     """
     arguments = {
         "name": name,
@@ -52,13 +52,13 @@ def memory_of(name: str, pair: GrayPair, *, threads: int) -> dict[str, Any]:
 def weigh(
     *, name: str, images: tuple[Gray, Gray], num_disparities: int, threads: int
 ) -> Mapping[str, Any]:
-    """Match a small pair, then the whole one, and return the memory that the latter takes."""
+    """Match a small pair, then the whole one, and return the memory that the whole one takes."""
     make = CONTENDERS[name]
     if name.startswith("opencv"):
         set_opencv_threads(threads)
 
     with unwarned():  # a part of a pair may not match
-        # The small match loads code and buffers, which no pair should be charged for.
+        # The small match loads code and buffers, which should not count for any pair.
         make(_FEW, threads)(*(image[:_SMALL, :_SMALL].copy() for image in images))
         call = make(num_disparities, threads)
         done = measured(lambda: call(*images))

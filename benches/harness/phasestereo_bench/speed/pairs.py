@@ -1,4 +1,4 @@
-"""Pairs to time: 8-bit gray images, from thumbnails to six megapixels."""
+"""Loads or renders the pairs to time: 8-bit gray images, from thumbnails to six megapixels."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _MOST_MEGAPIXELS, _MOST_DISPARITIES = 64, 1024
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GrayPair:
-    """Two images, uint8 (H, W), and how many disparities to search, a multiple of 16."""
+    """Two images, uint8 (H, W), and the number of disparities to search, a multiple of 16."""
 
     name: str
     left: Gray
@@ -42,7 +42,7 @@ class GrayPair:
 
 
 class PairSource(NamedTuple):
-    """Where a pair comes from: called with a folder of data and one for what is made."""
+    """The source of a pair: a function of a folder of data and a folder for rendered pairs."""
 
     num_disparities: int
     load: Callable[[Path | None, Path], Views]
@@ -51,24 +51,24 @@ class PairSource(NamedTuple):
 def find_pairs(
     data: Path | None, *, cache: Path, names: Sequence[str] = ()
 ) -> tuple[list[GrayPair], list[str]]:
-    """Load the pairs that are there.
+    """Load the available pairs.
 
     Parameters
     ----------
     data
         A folder that holds ``middlebury``, laid out as on the Middlebury site, and
         ``large/chess_1920x1080``, with ``left.png`` and ``right.png``; or Middlebury's folders
-        themselves. None: there is only what can be rendered.
+        themselves. None: only rendered pairs.
     cache
-        Folder for pairs that are rendered, which takes ten seconds a megapixel the first time.
+        Folder for rendered pairs; rendering takes ten seconds a megapixel the first time.
     names
         Only these of `PAIRS`, in this order, or sizes and disparities of pairs to render, such as
-        "24MPx512"; none: all of `PAIRS`.
+        "24MPx512"; empty: all of `PAIRS`.
 
     Returns
     -------
     tuple
-        The pairs, and why the others are left out, a line each.
+        The pairs, and one line for each missing pair with the reason.
 
     Raises
     ------
@@ -110,12 +110,12 @@ def _source(name: str) -> PairSource | None:
     return _render(rows * 4 // 3, rows, count)
 
 
-class Missing(Exception):  # noqa: N818 - nothing went wrong: not everybody has every pair
-    """A pair is not there; the message says what was looked for."""
+class Missing(Exception):  # noqa: N818 - not an error: some users do not have every pair
+    """A pair is missing; the message names the files."""
 
 
 def _scene(name: str, data: Path | None, _cache: Path) -> Views:
-    """Read a scene of Middlebury's."""
+    """Read a Middlebury scene."""
     if data is None:
         raise Missing("which takes a folder of data")
 
@@ -134,12 +134,12 @@ def _chess(data: Path | None, _cache: Path) -> Views:
 
 
 def _render(width: int, height: int, count: int) -> PairSource:
-    """Return a rendered pair without faults; it is rendered the first time."""
+    """Return a pair without faults; render it the first time."""
     return PairSource(count, partial(_rendered, size=(width, height, count)))
 
 
 def _rendered(_data: Path | None, cache: Path, *, size: tuple[int, int, int]) -> Views:
-    """Read a pair that was rendered earlier, or render it."""
+    """Read a pair rendered earlier, or render it."""
     width, height, count = size
     files = tuple(f"rendered-{width}x{height}x{count}-{side}.png" for side in ("left", "right"))
     if not all((cache / file).exists() for file in files):
@@ -161,7 +161,7 @@ def _read(folder: Path, left: str, right: str) -> Views:
 
 
 def _gray(image: NDArray[np.generic]) -> Gray:
-    """Return an image as OpenCV makes it gray."""
+    """Return a gray image, converted as OpenCV does."""
     if image.dtype != np.uint8:
         raise ValueError(f"images must be of 8 bits, got {image.dtype}")
     if image.ndim == 2:
@@ -181,5 +181,5 @@ PAIRS: MappingProxyType[str, PairSource] = MappingProxyType(
         "rendered": _render(2964, 1988, 256),
     }
 )
-"""The pairs by name, those that are rendered at the end. Others are rendered as their names say:
+"""The pairs by name, with the rendered pairs at the end. Other pairs are rendered by their names:
 "0.1MPx16" to "24MPx512"."""

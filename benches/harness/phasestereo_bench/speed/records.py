@@ -1,4 +1,4 @@
-"""Records: the results for a pair, on one thread or on all, with everything they depend on."""
+"""Records the results for a pair, on one thread or on all, with everything they depend on."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ ROUNDS = 15
 
 
 def speed_jobs(pairs: Sequence[GrayPair], *, rounds: int = ROUNDS) -> list[Job]:
-    """Return the jobs that time both presets and all rivals on these pairs: four for each.
+    """Return the jobs that time both presets and all rivals on these pairs: four for each pair.
 
-    They have to run one by one and in this process: ``run_jobs(..., workers=0)``. What a file of
-    records has of the same machine, versions and compiled core is not done again. See `measure` for
-    what a record holds.
+    They must run one by one and in this process: ``run_jobs(..., workers=0)``. If a file of records
+    has a job from the same machine, versions and compiled core, the job does not run again.
+    `measure` describes a record.
 
     Raises
     ------
     ImportError
         If OpenCV is not installed.
     ValueError
-        If there are no rounds.
+        If the number of rounds is not positive.
     """
     if rounds < 1:
         raise ValueError(f"rounds: got {rounds}; accepts 1 and more")
@@ -67,30 +67,30 @@ def speed_jobs(pairs: Sequence[GrayPair], *, rounds: int = ROUNDS) -> list[Job]:
 
 
 def measure(pair: GrayPair, preset: str, threads: str, rounds: int) -> dict[str, Any]:
-    """Time and weigh ours with a preset and all rivals on a pair.
+    """Measure time and memory of our matcher with a preset and of all rivals on a pair.
 
     Parameters
     ----------
     pair
         What to match.
     preset
-        Of `OURS`.
+        One of `OURS`.
     threads
         "one" or "all".
     rounds
-        How often.
+        Number of rounds.
 
     Returns
     -------
     dict
-        ``"thread_count"``; ``"pinned_to"``: number of the processor, None where threads were free;
-        ``"ours"`` and ``"rivals"``, the latter by name: ``"seconds"`` of every round and their
-        ``"median"`` and ``"minimum"``, ``"gde_per_second"`` (1e9 pixels times disparities a second,
-        by the median), ``"memory"`` as of `memory_of`; "match" is `phasestereo.match`. Ours also
+        ``"thread_count"``; ``"pinned_to"``: number of the processor, None if threads were free;
+        ``"ours"`` and, by name, ``"rivals"``: ``"seconds"`` of every round and their ``"median"``
+        and ``"minimum"``, ``"gde_per_second"`` (1e9 pixels times disparities a second, by the
+        median), ``"memory"`` as of `memory_of`; "match" is `phasestereo.match`. Ours also has
         ``"stages"``, seconds by name in every round, and ``"description_share"``, the median of the
-        description's share of the time.
-        Rivals also ``"ratio_of_medians"`` and ``"median_ratio"`` of the rounds, their time to ours;
-        ``"opencv_threads"``, and the seconds with other numbers of these, which were ``"slower"``.
+        description's share of the time. Rivals also have ``"ratio_of_medians"`` and
+        ``"median_ratio"`` of the rounds, their time to ours; ``"opencv_threads"``; and
+        ``"slower"``, the seconds with other numbers of threads.
     """
     if threads == "one":
         entrants, core = time_one_thread(pair, preset, rounds)
@@ -128,14 +128,14 @@ def _figures(entrant: Entrant, pair: GrayPair) -> dict[str, Any]:
 
 
 def _stages(ours: Entrant) -> dict[str, Any]:
-    """Return the times of the stages, and the share of the images' description."""
+    """Return the times of the stages, and the share of time that describes the images."""
     stages = {name: [stage[name] for stage in ours.stages] for name in ours.stages[0]}
     rounds = zip(stages["description"], ours.seconds, strict=True)
     return {"stages": stages, "description_share": median(part / whole for part, whole in rounds)}
 
 
 def _rivalry(same: Sequence[Entrant], ours: Entrant, pair: GrayPair) -> dict[str, Any]:
-    """Return the figures of the fastest of a rival's entrants, and how it compares with ours."""
+    """Return the figures of a rival's fastest entrant, and its ratio to ours."""
     best, *others = sorted(same, key=lambda entrant: median(entrant.seconds))
     rounds = zip(best.seconds, ours.seconds, strict=True)
     return {

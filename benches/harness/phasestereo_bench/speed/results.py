@@ -1,4 +1,4 @@
-"""The tables from the records of a speed benchmark."""
+"""Makes the tables from the records of a speed benchmark."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _TITLES: Mapping[str, str] = MappingProxyType(
         "match": "ps.match",
     }
 )
-"""The rivals, in the order of the tables, and what these call them."""
+"""The rivals, in the order of the tables, and their names there."""
 
 _LABELS = ("pair", "size", "preset", "d", "threads")
 
@@ -29,14 +29,14 @@ _MEGA = 1e6
 
 
 def records_before(lines: Sequence[Record], records: Iterable[Record]) -> list[Record | None]:
-    """Return for each record the last one before it of another core on the same machine.
+    """Return for each record the last earlier one from another core on the same machine.
 
     Parameters
     ----------
     lines
         All lines of a store, as of `read_store`.
     records
-        Those that count, all of them of the store; None stands for one without another.
+        The records that count, all from the store; a record without an earlier one gets None.
     """
     machines = {
         line["id"]: (line["cpu"], line["cores"])
@@ -65,9 +65,9 @@ def time_table(records: Sequence[Record], lines: Sequence[Record] = ()) -> Table
     Parameters
     ----------
     records
-        What counts.
+        The records that count.
     lines
-        All lines of their store; with them, a column has the change of our time since
+        All lines of their store; with them, a column shows the change of our time since
         `records_before`.
     """
     change = ["before"] if lines else []
@@ -104,7 +104,7 @@ def memory_table(records: Iterable[Record]) -> Table:
 
 
 def explain_speed(records: Sequence[Record]) -> str:
-    """Say what the figures of both tables are."""
+    """Explain the figures of both tables."""
     rounds, levels, builds = (
         " or ".join(dict.fromkeys(str(record[name]) for record in records))
         for name in ("rounds", "simd", "opencv_build")
@@ -123,7 +123,7 @@ def explain_speed(records: Sequence[Record]) -> str:
 
 
 def _growth(before: Record | None, record: Record) -> float | None:
-    """Return our time divided by the one before; a rival's takes out how busy the machine was."""
+    """Return our time divided by the earlier one; a rival's time corrects for a busy machine."""
     both = [one["rivals"].get("opencv:sgbm-3way", {}) for one in (before, record) if one]
     ratios = [rival.get("median_ratio") for rival in both]
     return ratios[0] / ratios[1] if len(ratios) == 2 and all(ratios) else None

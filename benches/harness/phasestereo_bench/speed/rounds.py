@@ -1,4 +1,4 @@
-"""Rounds: contenders timed in turn, so changes of the machine affect all alike; threads fixed."""
+"""Times contenders in turn, so changes of the machine affect all alike; threads are fixed."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ _TASKS = Path("/proc/self/task")
 def pinned() -> Iterator[int | None]:
     """Hold every thread of this process to one processor while the block lasts.
 
-    Threads that start meanwhile are held there, too, and let go with the others.
+    Threads that start meanwhile are held there, too, and released with the others.
 
     Yields
     ------
     int or None
-        Which processor; None where the system cannot hold anything.
+        The processor; None if the system cannot hold threads to one.
     """
     if not hasattr(os, "sched_setaffinity"):
         yield None
@@ -45,32 +45,32 @@ def pinned() -> Iterator[int | None]:
 
 
 def _settle(cores: Iterable[int]) -> None:
-    """Move all threads: the call for a process only moves the one that makes it."""
+    """Move all threads, because the call for a process moves only the calling thread."""
     tasks = [int(task.name) for task in _TASKS.iterdir()] if _TASKS.is_dir() else [0]
     for task in tasks:
-        with suppress(ProcessLookupError):  # it has ended since
+        with suppress(ProcessLookupError):  # the thread has ended meanwhile
             os.sched_setaffinity(task, cores)
 
 
-_REST = 0.001  # seconds: threads of the last one stop looking for more work
+_REST = 0.001  # seconds: threads of the last contender stop looking for more work
 
 
 @dataclass(slots=True)
 class Entrant:
-    """A contender as it takes part, with what it took in every round.
+    """A contender with its times in every round.
 
     Attributes
     ----------
     name
-        Of `CONTENDERS`.
+        Name of one of `CONTENDERS`.
     call
-        Matches the pair.
+        Function that matches the pair.
     opencv_threads
-        How many threads OpenCV is allowed; None for ours.
+        Number of threads that OpenCV may use; None for ours.
     seconds
-        Of every round.
+        Seconds of every round.
     stages
-        Seconds of every stage, of every round; none for OpenCV's.
+        Seconds of every stage in every round; empty for OpenCV's.
     """
 
     name: str
@@ -81,16 +81,16 @@ class Entrant:
 
 
 def time_one_thread(pair: GrayPair, preset: str, rounds: int) -> tuple[list[Entrant], int | None]:
-    """Time ours with a preset and all rivals on one processor.
+    """Time our matcher with a preset and all rivals on one processor.
 
     OpenCV takes part with one thread and again with two, both on that processor: StereoBM then
-    works in stripes that stay in the cache, and is faster on large images. Where the system cannot
-    hold threads to a processor, it takes part with one.
+    works in stripes that stay in the cache, and is faster on large images. If the system cannot
+    hold threads to a processor, OpenCV takes part with one.
 
     Returns
     -------
     tuple
-        The entrants, and which processor it was, None if they were not held to any.
+        The entrants, and the processor, None if they were not held to one.
     """
     with pinned() as core:
         counts = (1,) if core is None else (1, 2)
@@ -98,7 +98,7 @@ def time_one_thread(pair: GrayPair, preset: str, rounds: int) -> tuple[list[Entr
 
 
 def time_all_threads(pair: GrayPair, preset: str, rounds: int) -> list[Entrant]:
-    """Time ours with a preset and all rivals on as many threads as there are processors."""
+    """Time our matcher with a preset and all rivals, with one thread per processor."""
     return _timed(pair, preset, rounds, None, (usable_cpus(),))
 
 
@@ -122,7 +122,7 @@ def _timed(
     shuffle = random.Random(0).shuffle  # noqa: S311 - no secret
     for _ in range(rounds):
         order = list(entrants)
-        shuffle(order)  # nobody always comes after the same one
+        shuffle(order)  # no entrant always follows the same one
         for entrant in order:
             _enter(entrant, pair)
 
@@ -130,12 +130,12 @@ def _timed(
 
 
 def _enter(entrant: Entrant, pair: GrayPair) -> None:
-    """Match once, and note what it took."""
+    """Match once, and note the time."""
     if entrant.opencv_threads is not None:
         set_opencv_threads(entrant.opencv_threads)
 
     time.sleep(_REST)
-    with unwarned():  # how good the map is does not count here
+    with unwarned():  # the quality of the map does not count here
         start = time.perf_counter()
         answer = entrant.call(pair.left, pair.right)
         entrant.seconds.append(time.perf_counter() - start)

@@ -1,7 +1,7 @@
-"""The cases of the suite: rendered rooms, scenes as they are and upsampled, real table tops.
+"""Defines the cases: rendered rooms, scenes as they are and upsampled, real table tops.
 
-A case is light and says where its images come from; its task has the images, and how maps of them
-are counted.
+A case is light and names the source of its images. Its task holds the images, and defines how their
+maps are counted.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ UPSAMPLED = frozenset(
     )
     for scene in scenes
 )
-"""The scenes that are upsampled: three of rich texture, one with a large plain shade."""
+"""Scenes to upsample: three with rich texture, one with a large plain shade."""
 
 PLANES = frozenset(
     f"{collection}/{scene}"
@@ -47,7 +47,7 @@ PLANES = frozenset(
 """Scenes with large planes."""
 
 FACTORS = 1, 2, 3
-"""How many times finer the sampling of an upsampled scene is."""
+"""Factors by which the sampling of an upsampled scene is finer."""
 
 MEGAPIXELS = 0.5, 2.0
 SEEDS = 3
@@ -61,14 +61,14 @@ _TABLE_FILES = "left.png", "right.png", "disparity.png"
 _ROOM_NAMES = {"table": "rendered table tops", "room": "rooms", "curved": "plain curved things"}
 _LONG_MEGAPIXELS = 68.0  # 8192 px wide
 
-_SURE = 0.9  # of the quarter-size match: a confidence to fit the sensor's scale to
+_SURE = 0.9  # confidence of the quarter-size match that the sensor's scale is fitted to
 _FIT_ROUNDS, _FIT_LEAST = 15, 1.0  # px
 _FIT_POINTS = 200
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
-    """How maps of a task are counted.
+    """One way to count the maps of a task.
 
     Attributes
     ----------
@@ -77,10 +77,10 @@ class View:
     truth
         Disparities (H, W) at the scale of the view, px; NaN = unknown.
     kinds
-        Which pixels are of which kind, as `kinds_of_pixels` has them.
+        The pixels of each kind, as `kinds_of_pixels` returns them.
     every
-        The view takes the middle pixel of a block of the map in either direction, and divides
-        its disparity by this number.
+        The view takes the middle pixel of each block of this many pixels in either direction, and
+        divides its disparity by this number.
     """
 
     row: str
@@ -96,7 +96,7 @@ class View:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Task:
-    """Images to match, and how the maps are counted."""
+    """Images to match, and the views that count the maps."""
 
     left: Image
     right: Image
@@ -115,7 +115,7 @@ class RoomCase:
 
     @property
     def row(self) -> str:
-        """What the table calls it."""
+        """Row of the table."""
         return f"{_ROOM_NAMES[self.kind]}, {self.width * self.height / 1e6:.2g} MP"
 
     @property
@@ -143,7 +143,7 @@ class SceneCase:
         return str(self.scene)
 
     def load(self) -> Task:
-        """Read the scene, and upsample it; its maps are counted at either scale."""
+        """Read the scene, and upsample it; count its maps at either scale."""
         pair = self.scene.load()
         if pair.truth is None or "nonocc" not in pair.masks:
             raise ValueError(f"{pair.name}: its truth or its mask of visible pixels is missing")
@@ -165,7 +165,7 @@ class SceneCase:
 
 @dataclass(frozen=True, slots=True)
 class TableCase:
-    """A real table top, with the map of the sensor that took the pair."""
+    """A real table top, with the map from the sensor that took the pair."""
 
     folder: Path
     row: str = field(default="real table tops", init=False)
@@ -176,7 +176,7 @@ class TableCase:
         return f"{_TABLE_FOLDER}/{self.folder.name}"
 
     def load(self) -> Task:
-        """Read it, and fit the sensor's map to a match of a quarter of the size."""
+        """Read the pair, and fit the sensor's map to a match at a quarter of the size."""
         images = [read_image(self.folder / name) for name in _TABLE_FILES]
         left, right, levels = (image.astype(np.uint8) for image in images)
         levels = levels if levels.ndim == 2 else levels[..., 0]
@@ -197,7 +197,7 @@ SurfaceCase = RoomCase | SceneCase | TableCase
 
 @lru_cache(1)
 def load(case: SurfaceCase) -> Task:
-    """Load a case; the jobs of all methods share it, so it must not be changed."""
+    """Load a case; the jobs of all methods share it, so do not change it."""
     return case.load()
 
 
@@ -212,20 +212,20 @@ def surface_cases(
     Parameters
     ----------
     folders
-        That hold the scenes of `UPSAMPLED` and `PLANES` as `find_scenes` finds them, or table tops
-        as ``tabletop/NAME/left.png``, ``right.png`` and ``disparity.png``; or the folder of these.
-        Without any, rooms alone.
+        Folders with the scenes of `UPSAMPLED` and `PLANES` as `find_scenes` finds them, or with
+        table tops as ``tabletop/NAME/left.png``, ``right.png`` and ``disparity.png``; or the folder
+        ``tabletop`` itself. Without any, only rooms.
     megapixels
         Sizes of the rooms, each from 0.01 to 67.
     seeds
-        How many rooms of each kind, >= 0.
+        Number of rooms of each kind, >= 0.
 
     Raises
     ------
     OSError
         If a folder does not exist.
     ValueError
-        If an argument is out of range, a folder has none of that, or there is no case.
+        If an argument is out of range, a folder has no scene and no table top, or there is no case.
     """
     if seeds < 0:
         raise ValueError(f"seeds: got {seeds}; accepts 0 and more")
@@ -296,7 +296,7 @@ def _view(row: str, pair: Pair, *, every: int = 1) -> View:
 
 
 def _upsampled(image: Image, factor: int, seed: int) -> Image:
-    """Interpolate an image by cubics, and add the noise of a sensor."""
+    """Interpolate an image with cubics, and add the noise of a sensor."""
     height, width = image.shape[:2]
     size = (width * factor, height * factor)
     smooth = np.asarray(Pillow.fromarray(image).resize(size, Pillow.Resampling.BICUBIC))
@@ -304,9 +304,9 @@ def _upsampled(image: Image, factor: int, seed: int) -> Image:
 
 
 def _fitted(folder: Path, left: Image, right: Image, levels: NDArray[Any]) -> Floats:
-    """Return the sensor's map in px: its levels are linear in the disparity, 0 is unknown.
+    """Return the sensor's map in px; its levels are linear in the disparity, and 0 is unknown.
 
-    Scale and offset are those that fit the confident pixels of a quarter-size match best.
+    The scale and the offset fit the confident pixels of a quarter-size match best.
     """
     with unwarned():
         found = match(_quarter(left), _quarter(right), threads=1)
@@ -321,7 +321,7 @@ def _fitted(folder: Path, left: Image, right: Image, levels: NDArray[Any]) -> Fl
     if x.size < _FIT_POINTS or np.ptp(x) == 0:
         raise ValueError(f"{folder}: too little of it is matched to know the scale of its map")
 
-    # Least squares, again and again without what is off by more than twice the median.
+    # Repeat least squares, each time without the pixels that are off by more than twice the median.
     keep = np.ones(x.size, dtype=bool)
     slope, offset = 0.0, 0.0
     for _ in range(_FIT_ROUNDS):

@@ -1,7 +1,7 @@
-"""The counts for a map: wrong pixels by the kind of their surface, and stripes.
+"""Counts wrong pixels of a map by the kind of their surface, and stripes.
 
-Kinds of pixels follow from the truth, so that rendered and real pairs are counted alike, and from
-the left image. All measures of length are in pixels of the map, but for the width of thin things.
+The truth and the left image determine the kinds of pixels, so rendered and real pairs are counted
+alike. All lengths are in pixels of the map, except the width of thin things.
 """
 
 from __future__ import annotations
@@ -17,23 +17,23 @@ from phasestereo_bench.arrays import Floats, Mask
 from phasestereo_bench.rendering.casting import near_jumps
 
 KINDS = ("all", "plain", "flat", "slanted", "edge", "thin", "curved")
-"""All pixels that count; of these the ones without texture; and apart from one another: flat and
-slanted ones, those near an edge, on a thin thing, on a curved one."""
+"""All pixels that count; those without texture; and kinds that do not overlap: flat pixels, slanted
+pixels, pixels near an edge, on a thin thing, and on a curved thing."""
 
 JUMP = 2.0  # px between neighbors: an edge of a surface, or a stripe
 EDGE_REACH = 2  # px
 THIN_SHARE = 0.02  # of the image's width
-STEEP = 0.05  # px a px: the slope from which on a surface is slanted
-PLAIN, PLAIN_NOISE = 1.5, 2.0  # gray levels of local deviation, and how much noise adds
+STEEP = 0.05  # px a px: a surface with this slope or more is slanted
+PLAIN, PLAIN_NOISE = 1.5, 2.0  # gray levels of local deviation, and the part of noise
 
 _SLOPE_SIGMA = 3.0  # px over which slopes are averaged
-_STEP = 1.0  # px between neighbors from which on a difference is not a slope
+_STEP = 1.0  # px between neighbors: a difference this large is not a slope
 _ENOUGH = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
 class Counts:
-    """How many pixels count, and how many of them are off by more than 1 and 2 px or missing."""
+    """Number of pixels that count, and of those that are off by more than 1 and 2 px or missing."""
 
     pixels: int
     bad_1: int
@@ -54,7 +54,7 @@ def kinds_of_pixels(
     gray
         Left image (H, W), gray levels.
     curved
-        bool (H, W): what is on a curved surface, if that is known.
+        bool (H, W): pixels on a curved surface, if they are known.
 
     Returns
     -------
@@ -65,7 +65,7 @@ def kinds_of_pixels(
 
     known = np.isfinite(truth)
     scored = scored & known
-    # What is unknown continues what is next to it.
+    # Unknown pixels continue their neighbors.
     nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
     whole = np.asarray(truth, dtype=np.float64)[tuple(nearest)]
 
@@ -87,7 +87,7 @@ def kinds_of_pixels(
 
 
 def count_bad(disparity: Floats, truth: Floats, kinds: Mapping[str, Mask]) -> dict[str, Counts]:
-    """Count what is off; a pixel without an estimate is off."""
+    """Count the pixels that are off; a pixel without an estimate is off."""
     error = np.abs(np.asarray(disparity, dtype=np.float64) - truth)
     off_1, off_2 = ~(error <= 1.0), ~(error <= 2.0)
     return {
@@ -99,7 +99,7 @@ def count_bad(disparity: Floats, truth: Floats, kinds: Mapping[str, Mask]) -> di
 def stripes(disparity: Floats) -> float:
     """Return the share of neighbors in a column that differ by more than 2 px, 0 to 1.
 
-    Of the pairs of which both pixels have an estimate; NaN without any.
+    Only pairs count whose pixels both have an estimate; NaN without any.
     """
     step = np.abs(np.diff(np.asarray(disparity, dtype=np.float64), axis=0))
     both = np.isfinite(step)
@@ -120,9 +120,9 @@ def _thin(truth: Floats) -> Mask:
 
 
 def _narrow(truth: Floats, most: int) -> Mask:
-    """Return the pieces of rows between jumps that are short and nearer than what is beside them.
+    """Return the pieces of rows between jumps that are short and nearer than their neighbors.
 
-    What reaches a border of the image is not narrow.
+    A piece that reaches a border of the image is not narrow.
     """
     # A row begins with a piece; the others begin at jumps.
     height, width = truth.shape
@@ -141,7 +141,7 @@ def _narrow(truth: Floats, most: int) -> Mask:
 
 
 def _slopes(truth: Floats) -> Floats:
-    """Return the steepness of the surface, of differences that are not steps."""
+    """Return the steepness of the surface, from differences that are not steps."""
     from scipy import ndimage  # noqa: PLC0415
 
     square = np.zeros(truth.shape)
@@ -156,12 +156,12 @@ def _slopes(truth: Floats) -> Floats:
 
 
 def _plain(gray: Floats) -> Mask:
-    """Return the mask where 5 x 5 pixels deviate by little more than noise."""
+    """Return the mask of pixels where 5 x 5 pixels deviate by little more than noise."""
     from scipy import ndimage  # noqa: PLC0415
 
     mean, square = (ndimage.uniform_filter(each, 5) for each in (gray, gray * gray))
     deviation = np.sqrt(np.maximum(square - mean * mean, 0))
 
-    # Of the median of what a Laplacian leaves, whose standard deviation is sqrt(20) that of noise.
+    # From the median of a Laplacian, whose standard deviation is sqrt(20) times that of the noise.
     noise = float(np.median(np.abs(ndimage.laplace(gray)))) / (0.6745 * np.sqrt(20))
     return deviation < PLAIN + PLAIN_NOISE * noise

@@ -1,4 +1,4 @@
-"""Results: the records of the trials as tables."""
+"""Turns the records of the trials into tables."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Record = Mapping[str, Any]
 Found = Mapping[str, Any]
 
 FEWEST = 100
-"""Pixels of a kind that a scene must have to be part of the kind's mean."""
+"""A scene needs this many pixels of a kind to be part of the kind's mean."""
 
 _HEADINGS = {"edge": "near an edge"}
 
@@ -30,7 +30,7 @@ def surface_table(records: Sequence[Record]) -> Table:
 
 
 def upsampled_table(records: Sequence[Record]) -> Table | None:
-    """Return bad-1 of upsampled scenes at their own scale beside that of the scenes as they are.
+    """Return bad-1 of upsampled scenes at their own scale, beside that of the original scenes.
 
     Means over the scenes, and the scene that loses most; None if no scene is upsampled.
     """
@@ -59,7 +59,7 @@ def upsampled_table(records: Sequence[Record]) -> Table | None:
 
 
 def shares_by_kind(records: Iterable[Record]) -> dict[str, dict[str, dict[str, float]]]:
-    """Return bad-1 in %, means over the scenes that have enough pixels, by row, method and kind."""
+    """Return bad-1 in % by row, method and kind: means over the scenes with enough pixels."""
     shares: dict[str, dict[str, dict[str, float]]] = {}
     for (row, method), views in _by_row(records).items():
         means = {kind: _mean(views, "bad_1", kind) for kind in KINDS}
@@ -82,13 +82,13 @@ def _share(view: Found, measure: str, kind: str) -> float:
 
 
 def _bad(views: Sequence[Found], kind: str) -> str:
-    """Return means over the scenes that have enough pixels of a kind."""
+    """Return means over the scenes with enough pixels of a kind."""
     one, two = (_mean(views, name, kind) for name in ("bad_1", "bad_2"))
     return MISSING if one is None else f"{one:.1f} / {two:.1f}"
 
 
 def _mean(views: Sequence[Found], measure: str, kind: str) -> float | None:
-    """Return a mean in % over the scenes that have enough pixels of a kind; None without any."""
+    """Return a mean in % over the scenes with enough pixels of a kind; None without any."""
     some = [view for view in views if view["pixels"][kind] >= FEWEST]
     return 100 * fmean(_share(each, measure, kind) for each in some) if some else None
 

@@ -1,4 +1,4 @@
-"""Trials: cases matched by methods, and records of their errors."""
+"""Matches cases by methods, and records the errors."""
 
 from __future__ import annotations
 
@@ -22,36 +22,36 @@ OURS = "robust:num_disparities=auto"
 
 
 def default_methods() -> list[str]:
-    """Return ours with nothing given, and OpenCV's if it is installed."""
+    """Return our method without a range, and OpenCV's if it is installed."""
     return [name for name in (OURS, "opencv:sgbm") if name == OURS or name in available()]
 
 
 def surface_jobs(chosen: Sequence[SurfaceCase], methods: Sequence[str] | None = None) -> list[Job]:
-    """Return the jobs that match cases, one for each and each method.
+    """Return the jobs that match cases, one for each case and method.
 
     Parameters
     ----------
     chosen
         As `phasestereo_bench.surfaces.surface_cases` returns them.
     methods
-        Names for `phasestereo_bench.method`. Default: ours, nothing given, and StereoSGBM,
-        which is given the range.
+        Names for `phasestereo_bench.method`. Default: ours without a range, and StereoSGBM, which
+        gets the range.
 
     Returns
     -------
     list of Job
-        Their records: "kind", "row", "scene" and "method" identify a map. Good ones have "views",
-        by the row of the table: "pixels", "bad_1" and "bad_2" by kind of pixel (how many count, and
-        how many of them are off by more than 1 and 2 px or missing), "stripes" and "truth_stripes"
-        (0 to 1); "num_disparities", "width" and "height"; "seconds" and "peak_bytes" of the match
-        on one thread.
+        In their records, "kind", "row", "scene" and "method" identify a map. Good records have
+        "views", by the row of the table: "pixels", "bad_1" and "bad_2" by kind of pixel (the number
+        that count, and that are off by more than 1 and 2 px or missing), "stripes" and
+        "truth_stripes" (0 to 1); "num_disparities", "width" and "height"; "seconds" and
+        "peak_bytes" of the match on one thread.
 
     Raises
     ------
     TypeError, ValueError
         If there is no such method, or no case.
     ImportError
-        If what a method needs is not installed.
+        If a package that a method needs is not installed.
     """
     specs = list(dict.fromkeys(default_methods() if methods is None else methods))
     if not chosen or not specs:

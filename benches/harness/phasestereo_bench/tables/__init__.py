@@ -1,4 +1,4 @@
-"""All tables of the documentation from one folder of data, by one command.
+"""Makes all tables of the documentation from one folder of data, by one command.
 
 `plan` lists the runs, `texts` turns the results into Markdown, and `export` into numbers for
 machines.

@@ -1,4 +1,4 @@
-"""The comparison: where ours win and where others do, in three pictures and a table.
+"""Shows in three pictures and a table where our presets win and where other methods win.
 
 It uses only the file of numbers that `export` writes, so it runs nothing.
 """
@@ -37,7 +37,7 @@ _LOOKS = {
     "fused:hitnet": ("robust and HITNet", "#7b3294", "D"),
     "mccnn": ("MC-CNN", "#777777", "<"),
 }
-"""The methods that are shown: title, color, mark."""
+"""The methods to show: title, color, mark."""
 
 _SURFACES = ("rooms, 0.5 MP", "large planes", "scenes as they are")
 _SHOWN = (AUTO, "opencv:sgbm", "hitnet", "fused:hitnet")
@@ -57,7 +57,7 @@ def read_numbers(path: Path) -> Numbers:
     OSError
         If the file cannot be read.
     ValueError
-        If it is another one.
+        If the file has other contents.
     """
     numbers = json.loads(path.read_text("utf-8"))
     if not isinstance(numbers, dict) or not {"suites", "costs"} <= set(numbers):
@@ -85,7 +85,7 @@ def draw_comparison(numbers: Numbers, folder: Path) -> list[Path]:
 
 
 def comparison_text(numbers: Numbers) -> str:
-    """Return the table of groups of faults, time and memory, and what is below it, as Markdown."""
+    """Return as Markdown the table of groups of faults, time and memory, and the text below it."""
     ran = {cost["environment"] for cost in _costs(numbers)}
     environments = [each for each in numbers["environments"] if each["id"] in ran]
     table = markdown_table(comparison_table(numbers))
@@ -93,7 +93,7 @@ def comparison_text(numbers: Numbers) -> str:
 
 
 def comparison_table(numbers: Numbers) -> Table:
-    """Return groups of faults, time and memory down, methods that have two groups across."""
+    """Return groups of faults, time and memory down, and methods with two groups across."""
     groups: dict[str, dict[str, list[float]]] = {"sharp": _means(numbers, "sharp", "sharp")}
     for suite, name, values in _faults(numbers):
         of_group = groups.setdefault(RIGS[suite][name].group, {})
@@ -135,7 +135,7 @@ def _draw_time(numbers: Numbers) -> Any:
         title, color, mark = _LOOKS[method]
         spot = (1e9 * times[method]["seconds"] / times[method]["pixels"], errors[method])
         axes.plot(*spot, mark, color=color, markersize=9)
-        # Where others are close on the right, the label is on the left.
+        # If other marks are close on the right, the label goes on the left.
         beside, side = ((-7, 4), "right") if method == "opencv:sgbm-3way" else ((7, 4), "left")
         axes.annotate(title, spot, beside, textcoords="offset points", ha=side, color=INK, size=9)
 
@@ -152,7 +152,7 @@ def _draw_time(numbers: Numbers) -> Any:
 
 
 def _draw_faults(numbers: Numbers) -> Any:
-    """Draw all faults of the suites of rigs, a panel each."""
+    """Draw all faults of the suites of rigs, one panel a suite."""
     panels: dict[str, list[Dots]] = {}
     for suite, name, found in _faults(numbers):
         dots = name, {method: fmean(values) for method, values in found.items()}
@@ -161,7 +161,7 @@ def _draw_faults(numbers: Numbers) -> Any:
 
 
 def _draw_pixels(numbers: Numbers) -> Any:
-    """Draw kinds of pixels, a panel for each row of the suite of surfaces that has several."""
+    """Draw kinds of pixels, one panel for each row of the suite of surfaces with several kinds."""
     panels = {}
     for row, shares in numbers.get("surfaces", {}).items():
         if row in _SURFACES:
@@ -197,7 +197,7 @@ def _panels(panels: Mapping[str, Sequence[Dots]], width: float) -> Any:
 
 
 def _faults(numbers: Numbers) -> Iterator[tuple[str, str, Mapping[str, list[float]]]]:
-    """Yield suite, name and values by method of every fault that there are numbers of."""
+    """Yield suite, name and values by method for every fault with numbers."""
     for suite in RIGS:
         for name in numbers["suites"].get(suite, {}).get("bad_1", {}):
             if name in RIGS[suite] and name != "sharp":
@@ -205,13 +205,13 @@ def _faults(numbers: Numbers) -> Iterator[tuple[str, str, Mapping[str, list[floa
 
 
 def _means(numbers: Numbers, suite: str, row: str) -> dict[str, list[float]]:
-    """Return the values of the scenes by method, of methods that have all of them."""
+    """Return the values of the scenes by method, for methods that have all of them."""
     found = numbers["suites"].get(suite, {}).get("bad_1", {}).get(row, {})
     return {method: values for method, values in found.items() if None not in values}
 
 
 def _costs(numbers: Numbers) -> list[Mapping[str, Any]]:
-    """Return the costs measured on the latest processor: those of others are not comparable."""
+    """Return the costs on the latest processor; costs of other processors are not comparable."""
     cpus = {each["id"]: each["cpu"] for each in numbers["environments"]}
     costs = [(cost, cpus[cost["environment"]]) for cost in numbers["costs"]]
     return [cost for cost, cpu in costs if cpu == costs[-1][1]]

@@ -1,4 +1,4 @@
-"""The numbers behind the tables, as one JSON file for machines."""
+"""Exports the numbers behind the tables as one JSON file for programs."""
 
 from __future__ import annotations
 
@@ -17,21 +17,20 @@ from phasestereo_bench.tables.texts import read_records, read_suites
 FORMAT = 1
 _METRICS = {"bad_1": "v2.nonocc", "bad_2": "v3.bad_2"}
 _DIGITS = 3
-_LEAF = re.compile(r"[\[{][^\[\]{}]+[\]}]")  # what holds plain values alone
+_LEAF = re.compile(r"[\[{][^\[\]{}]+[\]}]")  # a list or an object of plain values alone
 _LEFT_OUT = ("kind", "status", "environment", "seconds", "peak_bytes", "error", "traceback")
 
 
 def export(folder: Path, path: Path) -> None:
-    """Write what a folder of records comes to; the same records give the same bytes.
+    """Write the numbers of a folder of records; the same records give the same bytes.
 
-    What the folder has no records of stays as the file has it.
+    Numbers without records in the folder stay as they are in the file.
 
-    The file has ``"format"``, 1; ``"environments"``, in which all of it ran; ``"headline"``, the
-    means of the first table by column and method; ``"suites"`` by name: ``"side"``, ``"scenes"``
-    and ``"bad_1"`` and ``"bad_2"``, the shares of non-occluded pixels that are more than 1 and 2 px
-    off, %, by degradation and method, one number a scene, null elsewhere;
-    ``"recordings"`` and ``"pairs"``, a record for each; ``"costs"``, seconds and bytes of each
-    processor, the last one's at the end;
+    The file has ``"format"``, 1; ``"environments"`` of all runs; ``"headline"``, means of the first
+    table by column and method; ``"suites"`` by name: ``"side"``, ``"scenes"`` and ``"bad_1"`` and
+    ``"bad_2"``, shares of non-occluded pixels that are more than 1 and 2 px off, %, by degradation
+    and method, one number a scene, null if unknown; ``"recordings"`` and ``"pairs"``, a record for
+    each; ``"costs"``, seconds and bytes of each processor, those of the last one at the end;
     ``"surfaces"``: the shares of pixels that are more than 1 px off, %, by row, method and kind.
 
     Raises
@@ -79,7 +78,7 @@ def export(folder: Path, path: Path) -> None:
 
 
 def _merged(earlier: Mapping[str, Any], suites: Mapping[str, Any]) -> dict[str, Any]:
-    """Add what methods came to that are not in a suite of the same scenes any more."""
+    """Keep earlier numbers of methods that are no longer in a suite of the same scenes."""
     for name, suite in suites.items():
         if earlier.get(name, {}).get("scenes") == suite["scenes"]:
             for metric in _METRICS:
@@ -117,6 +116,6 @@ def _rounded(numbers: Mapping[Any, Any]) -> dict[Any, Any]:
 
 
 def _readable(content: Mapping[str, Any]) -> str:
-    """Return JSON with what holds plain values alone in a line, so that changes can be read."""
+    """Return JSON with each list or object of plain values on one line, so changes are readable."""
     text = json.dumps(content, indent=1, allow_nan=False)
     return _LEAF.sub(lambda found: " ".join(found[0].split()), text) + "\n"

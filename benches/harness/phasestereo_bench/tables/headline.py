@@ -1,4 +1,4 @@
-"""The first table of all: methods down, what can be wrong with a pair across, time and memory."""
+"""Makes the first table of the documentation: methods down; faults, time and memory across."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ COLUMNS: Mapping[str, tuple[str, tuple[str, ...]]] = {
 
 
 def headline_values(results: Mapping[str, Results]) -> dict[str, Mapping[str, float]]:
-    """Return the means of the methods by column, for columns whose suites are there."""
+    """Return the means of the methods by column, for columns with results of their suites."""
     columns = {}
     for title, (suite, names) in COLUMNS.items():
         if suite in results:
@@ -48,7 +48,7 @@ def headline_values(results: Mapping[str, Results]) -> dict[str, Mapping[str, fl
 
 
 def headline_table(results: Mapping[str, Results], costs: Sequence[Record]) -> Table:
-    """Return methods x faults, and what a sharp pair takes."""
+    """Return methods x faults, and the time and memory of a sharp pair."""
     columns = headline_values(results)
     there = {method for found in results.values() for method in found.methods}
     methods = [method for method in TITLES if method in there]
@@ -67,7 +67,7 @@ def headline_table(results: Mapping[str, Results], costs: Sequence[Record]) -> T
 
 
 def cost_table(costs: Sequence[Record]) -> Table:
-    """Return scenes and methods x what was timed, in ms, and the most memory that one took."""
+    """Return scenes and methods x times in ms, and the most memory of a match."""
     rows = []
     for scene, method in dict.fromkeys((record["scene"], record["method"]) for record in costs):
         mine = [r for r in costs if (r["scene"], r["method"]) == (scene, method)]
@@ -87,7 +87,7 @@ def cost_table(costs: Sequence[Record]) -> Table:
 
 
 def _cost(costs: Sequence[Record], method: str) -> tuple[Entry, Entry]:
-    """Return seconds per megapixel and MB of the largest sharp pair that a method was timed on."""
+    """Return seconds per megapixel and MB for the largest sharp pair that a method was timed on."""
     sharp = [r for r in costs if (r["method"], r["degradation"]) == (method, "sharp")]
     if not sharp:
         return Entry(MISSING), Entry(MISSING)

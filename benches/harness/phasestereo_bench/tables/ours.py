@@ -1,4 +1,4 @@
-"""Tables of what choices of ours are worth, and of rendered pairs that nothing was chosen on."""
+"""Makes tables of the value of our choices, and of rendered pairs that no choice was made on."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ CHOICES = (
     "fast:adaptive_p2=1",
     "fast:median=0",
 )
-"""The presets, and each with one of its settings changed."""
+"""The presets, and variants of each with one setting changed."""
 
 COLUMNS = {
     "sharp": "sharp",
@@ -61,12 +61,12 @@ COLUMNS = {
     "noise 5": "rigs",
     "jpeg 70": "rigs",
 }
-"""What was done to the pairs, and the suite that has it."""
+"""The degradation of the pairs, and its suite."""
 
 WITHOUT_SYNTHESIS = "robust:synthesis=false"
 
 SEEDS = range(100, 110)
-"""Of the rendered pairs, on which nothing was chosen."""
+"""Seeds of the rendered pairs, on which no choice was made."""
 
 _SIZE = {"height": 360, "width": 480, "num_disparities": 64}
 ON_RENDERED = (
@@ -88,7 +88,7 @@ def choice_jobs(scenes: Sequence[Scene]) -> list[Job]:
 
 
 def choice_table(records: Sequence[Record]) -> Table:
-    """Return the settings x what was done to the pairs: bad-1.0 in %, means over the scenes."""
+    """Return settings x degradations: bad-1.0 in %, means over the scenes."""
     found: dict[tuple[str, str], list[dict[str, float]]] = {}
     for record in (one for one in records if one["status"] == "ok"):
         found.setdefault((record["method"], record["degradation"]), []).append(_bad(record))
@@ -131,7 +131,7 @@ def rendered_table(records: Sequence[Record]) -> Table:
 
 
 def synthesis_table(records: Sequence[Record], names: Sequence[str]) -> Table:
-    """Return the side and whether there is synthesis x degradations; last the mean of the blurs."""
+    """Return side and synthesis (with or without) x degradations; last the mean of the blurs."""
     rows = []
     blurs = [name for name in names if name != "mixed"]
 

@@ -1,4 +1,4 @@
-"""The runs for the tables of the documentation, in order."""
+"""Lists the runs for the tables of the documentation, in order."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ SURFACES = ("middlebury", "planes", "tabletop")
 HITNET = "rivals/hitnet_eth3d.onnx"
 
 AUTO = "robust:num_disparities=auto"
-"""Ours as a user meets it: nothing is given, not even a range."""
+"""Our method as a user first calls it: nothing is given, not even a range."""
 
 TIMED = ("fast", "robust", AUTO, "opencv:bm", "opencv:sgbm")
-_ALSO_TIMED = ("paper", "opencv:sgbm-3way", "opencv:sgbm-5way")  # of the chart of time
+_ALSO_TIMED = ("paper", "opencv:sgbm-3way", "opencv:sgbm-5way")  # methods of the chart of time
 SYNTHESIZED = ("gauss 2", "gauss 4", "disk 3", "disk 6", "motion 9", "motion 15", "mixed")
-"""Degradations after which the blurred image is made again."""
+"""Degradations for the comparison with and without synthesis of the blurred image."""
 
 WITH_OURS = ("one-sided-blur", "rigs")
-"""Suites in which other matchers also get prepared pairs, and are second ones of ours."""
+"""Suites where other matchers also get prepared pairs, and are second matchers of ours."""
 
 TIMED_ON = ("scenes2003/cones", "MiddEval3/trainingQ/Motorcycle")
-"""The scenes that time and memory are of; the larger is in the first table of all."""
+"""The scenes on which time and memory are measured; the first table shows the larger one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,11 +43,11 @@ class JobGroup:
     Attributes
     ----------
     name
-        Of the group, and of its file without the ending.
+        Name of the group, and of its file without the ending.
     jobs
-        What is to be done.
+        The jobs to run.
     alone
-        Whether nothing may run beside a job, because its time counts.
+        Whether each job must run alone, because its time counts.
     """
 
     name: str
@@ -61,17 +61,17 @@ def job_groups(root: Path, rivals: Sequence[str], *, quick: bool = False) -> lis
     Parameters
     ----------
     root
-        Holds ``middlebury``, and if possible ``planes``, ``tabletop``, ``rigs/euroc``,
+        Folder with ``middlebury``, and if possible ``planes``, ``tabletop``, ``rigs/euroc``,
         ``rigs/stereopi`` and ``real_defocus/breakfast``.
     rivals
-        Learned methods that are present.
+        Learned methods that are available.
     quick
         Only the three scenes of `QUICK_SCENES`.
 
     Raises
     ------
     OSError, ValueError, ImportError
-        If there is no scene, or something is not installed.
+        If there is no scene, or a package is not installed.
     """
     scenes = _scenes(root, "rigs", quick=quick)
     timed = [scene for scene in scenes if str(scene) in TIMED_ON] or scenes[:1]

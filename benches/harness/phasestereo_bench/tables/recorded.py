@@ -1,4 +1,4 @@
-"""Tables of recordings without true depths, and of real pairs with them."""
+"""Makes tables of recordings without true depths, and of real pairs with them."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _STATES = {False: "raw", True: "rectified"}
 
 
 def rows_table(records: Sequence[Record]) -> Table:
-    """Return recordings x what was done about their rows: means of rms px, and the worst frame."""
+    """Return recordings x ways to align their rows: means of rms px, and the worst frame."""
     mine = [record for record in records if record["kind"] == ROWS]
     rows = []
     for name in _unique(mine, "recording"):

@@ -1,4 +1,4 @@
-"""Markdown for every marker that the documentation has, from the files of records."""
+"""Makes Markdown for every marker of the documentation, from the files of records."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def read_records(folder: Path, group: str) -> tuple[list[Record], list[Record]]:
 
 
 def table_texts(folder: Path) -> dict[str, str]:
-    """Return the tables of all that a folder has records of, by the names of their markers.
+    """Return the tables of all records in a folder, by the names of their markers.
 
     Raises
     ------
@@ -124,17 +124,17 @@ _TABLES: dict[str, dict[str, Callable[[Sequence[Record]], Table | None]]] = {
     "surfaces": {"surfaces": surface_table, "surfaces-upsampled": upsampled_table},
     "blur": {"blur": blur_table},
 }
-"""From the records of a group to its tables, by the names of their markers."""
+"""The functions that turn the records of a group into its tables, by the names of their markers."""
 
 
 def _sizes(costs: Sequence[Record]) -> str:
-    """Return the sizes of the pairs that were timed."""
+    """Return the sizes of the timed pairs."""
     sizes = sorted({record["pixels"] for record in costs})
     return " and ".join(f"{pixels / 1e6:.2f}" for pixels in sizes) + " megapixels"
 
 
 def _text(table: Table, words: str, timed_in: Sequence[Mapping[str, Any]]) -> str:
-    """Return a table and its words, with the machines of one that has times."""
+    """Return a table and its text; name the machines if the table has times."""
     known = {environment["id"]: environment for environment in timed_in}
     made = f" {made_with(known.values())}" if known else ""
     return f"{markdown_table(table)}\n\n{small_print(words + made)}"
