@@ -1,9 +1,9 @@
-"""Rendered pairs: a seeded scene, ray-cast from two cameras, with exact disparities and masks.
+"""Renders pairs: ray-casts a seeded scene from two cameras, with exact disparities and masks.
 
-Both views are cast from the same continuous surfaces and textures, several rays a pixel; neither
-image is warped from the other. The parts in the order of the data: `camera` casts rays at `shapes`
-(`casting`); `scenery` arranges `things`, made of shapes and `textures`; `light` turns what the rays
-meet into photographs.
+Both views are cast from the same continuous surfaces and textures, with several rays a pixel;
+neither image is warped from the other. The parts, in the order of the data: `camera` casts rays at
+`shapes` (`casting`); `scenery` arranges `things`, made of shapes and `textures`; `light` turns the
+surfaces that rays meet into photographs.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ MIN_SIDE, MAX_SIDE = 16, 8192
 MIN_DISPARITIES = 8
 MAX_NOISE = 64.0
 ROOM_GRAY = 0.6  # of white: rooms are lighter than gardens
-THUMBNAIL = 320  # px: the longer side of the grid on which a room's nearest point is looked for
+THUMBNAIL = 320  # px: the longer side of the grid that searches a room's nearest point
 
 
 def render_pair(
@@ -48,8 +48,8 @@ def render_pair(
     Parameters
     ----------
     seed
-        Of the scene and the noise, an integer >= 0. A seed arranges the same things at any size;
-        the same seed and size give the same bits.
+        Seed of the scene and the noise, an integer >= 0. A seed arranges the same things at any
+        size; the same seed and size give the same bits.
     height, width
         Size of both images in pixels, 16 to 8192.
     num_disparities
@@ -97,8 +97,8 @@ def render_room(
     Parameters
     ----------
     seed
-        Of the room and the noise, an integer >= 0. Images of the same proportions are samplings of
-        the same room, whose disparities keep their share of the width.
+        Seed of the room and the noise, an integer >= 0. Images of the same proportions sample the
+        same room, and disparities keep their share of the width.
     kind
         One of `ROOMS`.
     height, width
@@ -109,9 +109,9 @@ def render_room(
     Returns
     -------
     Pair
-        As of `render_pair`, with another mask: ``curved`` (those of ``nonocc`` on things that are
-        not flat). `Pair.num_disparities` holds all disparities; the largest is 8 to 22 % of the
-        width.
+        A pair like that of `render_pair`, with another mask: ``curved`` (those of ``nonocc`` on
+        things that are not flat). `Pair.num_disparities` holds all disparities; the largest is 8 to
+        22 % of the width.
 
     Raises
     ------
@@ -147,7 +147,7 @@ def render_room(
 
 
 def _nearest(scene: Scenery, camera: Camera) -> float:
-    """Find the least depth that the left view sees, on a grid that no image's size changes."""
+    """Find the least depth that the left view sees, on a grid that is the same for all sizes."""
     thumbnail = replace(camera.shrunk(THUMBNAIL), near=1.0, near_disparity=1.0)
     return 1 / float(disparities(scene.shapes, thumbnail, LEFT).max())
 
@@ -187,7 +187,7 @@ def _taken(
 
 
 def _calibration(camera: Camera, num_disparities: int) -> Calibration:
-    """Take the world unit for a meter: the baseline is in mm, as in Middlebury's files."""
+    """Treat the world unit as a meter; the baseline is in mm, as in Middlebury's files."""
     baseline = 1000 * camera.focal_baseline / camera.focal
     known = Calibration.from_focal(camera.focal, baseline, width=camera.width, height=camera.height)
     return replace(known, ndisp=num_disparities)

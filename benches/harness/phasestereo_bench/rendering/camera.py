@@ -1,4 +1,4 @@
-"""The two cameras of a rendered pair, and the rays they cast."""
+"""Defines the two cameras of a rendered pair, and the rays they cast."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ import numpy as np
 from phasestereo_bench.arrays import Array
 
 LEFT, RIGHT = 0, 1
-RAYS_IN_BAND = 2**17  # its arrays stay in the cache, and memory stays flat
+RAYS_IN_BAND = 2**17  # arrays of a band stay in the cache, and memory stays flat
 
 
 class Rays(NamedTuple):
     """Half-lines ``origin + depth * (x, y, z)``, components broadcasting against each other.
 
-    Directions have length one along the optical axis, so that `depth` is the stereo depth. The
+    Directions have length one along the optical axis, so `depth` is the stereo depth. The
     last two axes are an image's: x is (..., rows or 1, columns), y and z are (..., rows, 1).
     """
 
@@ -63,7 +63,7 @@ class Camera:
 
     @property
     def focal_baseline(self) -> float:
-        """Disparity times depth, which is focal length times baseline."""
+        """Disparity times depth, that is, focal length times baseline."""
         return self.near_disparity * self.near
 
     def shrunk(self, longest: int) -> Camera:
@@ -73,7 +73,7 @@ class Camera:
         return replace(self, height=height, width=width)
 
     def rays(self, x: Array, y: Array, side: int) -> Rays:
-        """Rays through columns x and rows y (px, pixel centers being whole) of a view."""
+        """Return rays through columns x and rows y (px, pixel centers are whole) of a view."""
         across = (x - (self.width - 1) / 2) / self.focal
         down = (y - (self.height - 1) / 2) / self.focal
         cos, sin = math.cos(self.pitch), math.sin(self.pitch)
@@ -81,7 +81,7 @@ class Camera:
         return Rays(origin, across, -down * cos - sin, cos - down * sin)
 
     def project(self, points: Array, side: int) -> tuple[Array, Array, Array]:
-        """Columns, rows (px) and depths of world points (n, 3)."""
+        """Return columns, rows (px) and depths of world points (n, 3)."""
         cos, sin = math.cos(self.pitch), math.sin(self.pitch)
         eye = [self.x + side * self.focal_baseline / self.focal, self.eye, self.z]
         x, y, z = (points - eye).T
@@ -96,7 +96,7 @@ class Camera:
         )
 
     def bands(self, rays_per_pixel: int = 1) -> Iterator[tuple[slice, Array, Array]]:
-        """Bands of rows: the slice, columns (1, W) and rows (n, 1) of the pixel centers."""
+        """Yield bands of rows: the slice, columns (1, W) and rows (n, 1) of the pixel centers."""
         columns = np.arange(self.width, dtype=np.float64)[None]
         step = max(1, RAYS_IN_BAND // (self.width * rays_per_pixel))
 

@@ -1,4 +1,4 @@
-"""The first hit of each ray: depths, disparities of either view, and pixels that both views see."""
+"""Finds the first hit of each ray: depths, disparities of either view, pixels seen by both."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from phasestereo_bench.rendering.shapes import Shape
 
 Window = tuple[int, int, int, int]
 
-GRAZING = 1e-4  # px of disparity within which two surfaces are the same point
+GRAZING = 1e-4  # px of disparity: surfaces this close are the same point
 JUMP, DISC_REACH = 2.0, 4  # px of disparity, px of image
 
 
 def windows(
     shapes: Sequence[Shape], camera: Camera, side: int, slack: tuple[float, float] = (0.0, 0.0)
 ) -> list[Window]:
-    """Bound where each shape is seen: rows from, to, columns from, to, these widened by slack."""
+    """Bound the window of each shape: rows from, to, columns from, to, widened by slack."""
     bounds = []
     for shape in shapes:
         x, y, depth = camera.project(shape.corners(), side)
-        if depth.min() <= 0:  # reaches behind the camera: may be anywhere
+        if depth.min() <= 0:  # a shape that reaches behind the camera may be anywhere
             bounds.append((0, camera.height, 0, camera.width))
             continue
 
@@ -39,7 +39,7 @@ def windows(
 def cast(
     shapes: Sequence[Shape], rays: Rays, bounds: Sequence[Window], first_row: int
 ) -> tuple[NDArray[Any], NDArray[np.uint16]]:
-    """Depth and index of the nearest shape on each ray of a band that begins at `first_row`."""
+    """Return depth and index of each ray's nearest shape in a band that begins at `first_row`."""
     size = np.broadcast_shapes(rays.x.shape, rays.y.shape)
     depth = np.full(size, np.inf, dtype=rays.x.dtype)
     index = np.zeros(size, dtype=np.uint16)
@@ -60,12 +60,12 @@ def cast(
 
 
 def disparities(shapes: Sequence[Shape], camera: Camera, side: int) -> Plane:
-    """Disparities at the pixel centers of a view."""
+    """Return the disparities at the pixel centers of a view."""
     return seen(shapes, camera, side)[0]
 
 
 def seen(shapes: Sequence[Shape], camera: Camera, side: int) -> tuple[Plane, NDArray[np.uint16]]:
-    """Disparities at the pixel centers of a view, and which shape is seen there."""
+    """Return disparities at the pixel centers of a view, and the index of the shape there."""
     bounds = windows(shapes, camera, side)
     disparity = np.empty((camera.height, camera.width))
     number = np.empty(disparity.shape, dtype=np.uint16)
@@ -79,21 +79,21 @@ def seen(shapes: Sequence[Shape], camera: Camera, side: int) -> tuple[Plane, NDA
 
 
 def visible_in_both(shapes: Sequence[Shape], camera: Camera, truth: Plane) -> Mask:
-    """Whether the point seen at each left pixel's center is the front-most in the right view."""
+    """Return whether each left pixel's point is the front-most in the right view."""
     bounds = windows(shapes, camera, RIGHT, slack=(truth.min(), truth.max()))
     visible = np.empty(truth.shape, dtype=bool)
 
     for band, columns, rows in camera.bands():
         matched = columns - truth[band]
         depth, _ = cast(shapes, camera.rays(matched, rows, RIGHT), bounds, band.start)
-        inside = columns >= truth[band].astype(np.float32)  # as those see it who get the truth
+        inside = columns >= truth[band].astype(np.float32)  # in the precision of the truth
         visible[band] = (camera.focal_baseline / depth <= truth[band] + GRAZING) & inside
 
     return visible
 
 
 def near_jumps(truth: Plane, reach: int = DISC_REACH) -> Mask:
-    """Pixels within this many px of a jump between neighbors of more than `JUMP`."""
+    """Return the pixels within `reach` px of a jump between neighbors of more than `JUMP`."""
     from scipy import ndimage  # noqa: PLC0415  # slow to import, and most of the harness does without
 
     jumps = np.zeros(truth.shape, dtype=bool)
@@ -106,5 +106,5 @@ def near_jumps(truth: Plane, reach: int = DISC_REACH) -> Mask:
     ):
         jumps[side] |= jump
 
-    # A jump has marked the pixels on both of its sides, which is the first of the steps.
+    # A jump already marks the pixels on both of its sides, which counts as the first step.
     return ndimage.maximum_filter(jumps, size=2 * reach - 1)

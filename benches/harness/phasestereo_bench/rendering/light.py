@@ -1,4 +1,4 @@
-"""From surfaces to photographs: sun, sky and shadows, exposure, tones and sensor noise."""
+"""Turns surfaces into photographs: sun, sky and shadows, exposure, tones and sensor noise."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from phasestereo_bench.rendering.textures import Texture, look_up
 
 Points = tuple[Array, Array, Array]
 
-# Offsets of the rays in a pixel: of the lattices with eight distinct rows and columns, the one
-# whose points are farthest apart, so that near-upright edges get eight levels of anti-aliasing.
+# Offsets of the rays in a pixel. Of the lattices with eight distinct rows and columns, this one has
+# its points farthest apart, so near-upright edges get eight levels of anti-aliasing.
 LATTICE = np.array([((k + 0.5) / 8 - 0.5, (3 * k % 8 + 0.5) / 8 - 0.5) for k in range(8)])
 RAY_SPACING = 0.5  # px: the texels to look up
 SENSOR_NOISE = 1.0  # gray levels
@@ -30,19 +30,19 @@ SUN: Vector = (-0.769, 0.577, -0.275)  # unit vector towards it: left, above, a 
 SUNLIGHT, SKYLIGHT = 1.3, 0.4
 SUN_RAYS = 7
 LIGHTMAP_SIZE = 512
-TOUCHING = 1e-3  # world units below which a surface does not shadow itself
+TOUCHING = 1e-3  # world units: a surface this close does not shadow itself
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Lightmap:
-    """The light on a large flat piece: (n, n) over v, u from minus to plus its half sizes."""
+    """The light on a large flat piece, (n, n): v and u from minus to plus its half sizes."""
 
     light: NDArray[np.float32]
     half_width: float
     half_height: float
 
     def at(self, u: Array, v: Array) -> Array:
-        """Light at surface coordinates, interpolated bilinearly."""
+        """Return the light at surface coordinates, interpolated bilinearly."""
         n = self.light.shape[0]
         x = np.clip((u / self.half_width + 1) * (n / 2) - 0.5, 0, n - 1.001)
         y = np.clip((v / self.half_height + 1) * (n / 2) - 0.5, 0, n - 1.001)
@@ -57,7 +57,7 @@ class Lightmap:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Surface:
-    """A shape and what it is made of."""
+    """A shape and its material."""
 
     shape: Shape
     texture: Texture
@@ -68,7 +68,7 @@ class Surface:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scenery:
-    """All there is to see, and the detail finer than any texture that is laid over all of it.
+    """Everything visible, and the detail finer than any texture that covers all of it.
 
     No depth in either view is below `near`.
     """
@@ -92,7 +92,7 @@ def photograph(
     *,
     noise: float = SENSOR_NOISE,
 ) -> NDArray[np.uint8]:
-    """Take one view: light through a lens that darkens the corners, film-like tones, noise."""
+    """Photograph one view: a lens that darkens the corners, film-like tones, noise."""
     bounds = windows(scenery.shapes, camera, side)
     picture = np.empty((camera.height, camera.width, 3), dtype=np.uint8)
     center_x, center_y = (camera.width - 1) / 2, (camera.height - 1) / 2
@@ -121,7 +121,7 @@ def exposure_of(scene: Scenery, camera: Camera, *, gray: float = MIDDLE_GRAY) ->
     bounds = windows(scene.shapes, thumbnail, LEFT)
     light = _radiance(scene, thumbnail, thumbnail.rays(x, y, LEFT), bounds, 0)
 
-    # The tones of `photograph`, solved for the light that comes out as that gray.
+    # Solve the tones of `photograph` for the light that comes out as that gray.
     return -math.log(1 - gray**GAMMA) / float(np.median(light))
 
 
@@ -136,7 +136,7 @@ def light_falling_on(patch: Patch, occluders: Sequence[Shape]) -> Lightmap:
     )
 
     light = np.zeros((n, n), dtype=np.float32)
-    # Hulls bound the shadows, so that rays are cast only where there may be one.
+    # Hulls bound the shadows, so rays are cast only where there may be a shadow.
     hulls = np.array([np.resize(shape.corners(), (8, 3)) for shape in occluders]) - patch.center
 
     for weight, direction in _lights():
@@ -152,7 +152,7 @@ def light_falling_on(patch: Patch, occluders: Sequence[Shape]) -> Lightmap:
 
 
 def _lights() -> Iterator[tuple[float, Vector]]:
-    """Weights and directions: a sun wide enough for soft shadows, and two rings of sky."""
+    """Yield weights and directions: a sun wide enough for soft shadows, and two rings of sky."""
     # A spiral by the golden angle covers the sun's disk evenly.
     for k in range(SUN_RAYS):
         turn, radius = 2.4 * k, 0.1 * math.sqrt(k / SUN_RAYS)
@@ -173,7 +173,7 @@ def _shadows(
     patch: Patch, hulls: Array, direction: Vector
 ) -> Iterator[tuple[int, tuple[slice, slice]]]:
     """Bound the shadows of convex hulls (k, 8, 3) around the patch's center on its light map."""
-    # Hulls are projected along the light onto the plane of the patch.
+    # Project the hulls along the light onto the plane of the patch.
     rise = hulls @ np.array(patch.normal) / _dot(direction, patch.normal)
     feet = hulls - rise[..., None] * np.array(direction)
 
@@ -188,7 +188,7 @@ def _shadows(
 
 
 def _blocked(shape: Shape, points: Points, direction: Vector) -> NDArray[np.bool_]:
-    """Whether a shape stands between points and a light far away."""
+    """Return whether a shape stands between points and a light far away."""
     x, y, z = (np.full((1, 1), d, dtype=np.float32) for d in direction)
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):  # rays that miss
         distance = shape.hit(Rays(points, x, y, z))
@@ -198,10 +198,10 @@ def _blocked(shape: Shape, points: Points, direction: Vector) -> NDArray[np.bool
 def _radiance(
     scene: Scenery, camera: Camera, rays: Rays, bounds: Sequence[Window], first_row: int
 ) -> NDArray[np.float32]:
-    """Light (..., rows, columns, 3) along the rays of a band."""
+    """Return the light (..., rows, columns, 3) along the rays of a band."""
     depth, index = cast(scene.shapes, rays, bounds, first_row)
 
-    # Rays are sorted by the surface that they meet, so that each is shaded once.
+    # Sort rays by the surface that they meet, so each ray is shaded once.
     by_surface = np.argsort(index, axis=None, kind="stable")
     ends = np.cumsum(np.bincount(index.ravel(), minlength=len(scene.surfaces)))
     light = np.empty((index.size, 3), dtype=np.float32)
@@ -219,12 +219,12 @@ def _radiance(
 
 
 def _shade(scene: Scenery, surface: Surface, point: Points, spacing: Array) -> NDArray[np.float32]:
-    """Light (n, 3) that points of a surface send back."""
+    """Return the light (n, 3) that points of a surface send back."""
     chart = surface.shape.chart(*point)
     u, v = chart.u + surface.shift[0], chart.v + surface.shift[1]
     colors = look_up(surface.texture, u, v, spacing)
 
-    # Turned by the 3-4-5 triangle, lest its period and the texture's own fall together.
+    # The 3-4-5 triangle turns the detail, so its period does not match the texture's own.
     fine = look_up(scene.detail, 0.8 * u + 0.6 * v, 0.8 * v - 0.6 * u, spacing)[:, 0]
 
     light = _illumination(surface, chart, point[1])
@@ -233,15 +233,15 @@ def _shade(scene: Scenery, surface: Surface, point: Points, spacing: Array) -> N
 
 
 def _illumination(surface: Surface, chart: Chart, height: Array) -> Array:
-    """Sunlight by the slant, light of the sky by how much of it the surface sees."""
+    """Return sunlight by the slant, and sky light by the share of the sky that the surface sees."""
     if surface.light is not None:
         return surface.light.at(chart.u, chart.v)
 
     x, y, z = chart.normal
     slant = x * SUN[0] + y * SUN[1] + z * SUN[2]
-    # Leaves let light through: either side is lit, and never quite dark.
+    # Leaves let light through: both sides are lit, and never quite dark.
     sun = 0.3 + 0.5 * abs(slant) if surface.thin else np.maximum(slant, 0)
-    # Within a hand of the floor up to half of the sky is hidden.
+    # Within a hand of the floor, up to half of the sky is hidden.
     near_ground = 0.5 * np.exp(height * (-1 / 0.07))
 
     return SUNLIGHT * sun + SKYLIGHT * (0.65 + 0.35 * y) * (1 - near_ground)

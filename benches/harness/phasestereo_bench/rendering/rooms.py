@@ -1,7 +1,7 @@
-"""Rooms: plain walls, floors and tables, white boxes, thin legs, and curved plain things.
+"""Furnishes rooms: plain walls, floors and tables, white boxes, thin legs, curved plain things.
 
 Nothing in a room depends on the size of its images, so a larger image is a finer sampling of the
-same scene. World units are meters, about; the floor, or the table top that fills the image, is y =
+same scene. World units are roughly meters. The floor, or the table top that fills the image, is y =
 0, and the cameras look along z.
 """
 
@@ -31,21 +31,21 @@ STEEL: Color = (78, 78, 82)
 TEXELS = 1024  # of every tile, whatever the camera
 DETAIL_SIZE = 0.3  # world units of the tile of finest detail: texels of 0.3 mm
 PLAIN_SIZE = 1.3  # the same of plain surfaces
-GRAIN = 0.004, 0.03  # log brightness: standard deviation of what a plain surface shows
+GRAIN = 0.004, 0.03  # log brightness: standard deviations of the grain of a plain surface
 BOARD = 0.015  # thickness
 PRINTED = 0.6  # probability that a thing on a table has a texture
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Room:
-    """What is in a room, and the positions of the cameras.
+    """The contents of a room, and the positions of the cameras.
 
     Attributes
     ----------
     scenery
         The surfaces; `Scenery.near` is not used.
     eye, pitch
-        Of the camera, as `Camera` has them.
+        Position and pitch of the camera, as in `Camera`.
     reach
         The largest disparity, as a share of the image's width.
     """
@@ -59,12 +59,12 @@ class Room:
 def furnish_room(rng: np.random.Generator, kind: RoomKind) -> Room:
     """Furnish a room; the same generator gives the same room."""
     eye, pitch, reach = (float(rng.uniform(*span)) for span in _VIEWS[kind])
-    center = eye / math.tan(pitch)  # where the middle of the image meets the ground
+    center = eye / math.tan(pitch)  # the middle of the image meets the ground here
 
     maker = _Maker(rng, center)
     large, things = _FURNITURE[kind](maker)
 
-    # A lamp makes brightness fall off slowly over whatever is large and plain.
+    # A lamp makes brightness fall off slowly over large plain surfaces.
     lamp = (float(rng.uniform(-1.5, 1.5)), float(rng.uniform(1.6, 2.2)), 0.6 * center)
     shapes = [thing.shape for thing in things]
     lit = [Surface(each, maker.plain(), light=_lamplight(each, shapes, lamp)) for each in large]
@@ -159,7 +159,7 @@ def _curved(maker: _Maker) -> tuple[list[Patch], list[Surface]]:
     floor = Patch((0.0, 0.0, 4.0), EAST, TOWARDS, 8.0, 5.0)
     back = upright((0.0, 1.5, maker.between(2.6, 3.4)), maker.between(-0.3, 0.3), 8.0, 1.5)
 
-    # Two rows: large ones behind, small ones before them.
+    # Two rows: large things behind, small things before them.
     places = [
         *((-0.75, 2.3, 0.62), (0.0, 2.45, 0.75), (0.75, 2.3, 0.62)),
         *((-0.42, 1.6, 0.28), (0.05, 1.5, 0.22), (0.45, 1.65, 0.28)),
@@ -191,7 +191,7 @@ def _pole(foot: Vector, height: float, radius: float, texture: Texture) -> Surfa
 
 
 def _shade(foot: Vector, height: float, radius: float, texture: Texture) -> Iterator[Surface]:
-    """Cut a cone and cover it, since of a bare one only the outside is seen."""
+    """Cut a cone and cover it, because only the outside of a bare cone is visible."""
     x, y, z = foot
     yield Surface(Frustum(foot, height, radius, 0.55 * radius), texture)
     yield Surface(disc((x, y + height, z), 0.55 * radius), texture)
@@ -220,7 +220,7 @@ def _desk(
 
 
 def _lamplight(patch: Patch, occluders: list[Shape], lamp: Vector) -> Lightmap:
-    """Return sun and sky on a flat piece, and light that falls off from a lamp without shadows."""
+    """Return sun and sky on a flat piece, plus a lamp whose light falls off without shadows."""
     lit = light_falling_on(patch, occluders)
     n = lit.light.shape[0]
     steps = (np.arange(n, dtype=np.float32) + 0.5) / n * 2 - 1

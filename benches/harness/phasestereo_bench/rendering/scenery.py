@@ -1,4 +1,4 @@
-"""The scene: a floor, two slanted walls that meet, trees behind them, and things in three rows.
+"""Builds the scene: a floor, two slanted walls that meet, trees behind, things in three rows.
 
 The cameras stand 0.75 above the floor and see it from z = 1.2 on; the walls are at z = 4 to 6.
 """
@@ -37,7 +37,7 @@ DETAIL = 0.6  # px: texels of the finest detail at depth 1
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One row of things: where they stand, how tall they are, and what they may be."""
+    """One row of things: their places, their heights, and the kinds to choose from."""
 
     places: tuple[float, ...]
     distance: tuple[float, float]
@@ -62,7 +62,7 @@ def furnish(rng: np.random.Generator, camera: Camera) -> Scenery:
         for patch, texture in [floor, *_walls(rng, studio)]
     ]
 
-    # A generator of its own, so that the number of texels changes no other choice.
+    # Textures have their own generator, so the number of texels changes no other choice.
     (grains,) = rng.spawn(1)
     detail = Texture.of(fractal(grains, texels)[..., None], DETAIL * texels / camera.focal)
 
@@ -71,7 +71,7 @@ def furnish(rng: np.random.Generator, camera: Camera) -> Scenery:
 
 
 def _floor(rng: np.random.Generator, studio: Studio) -> tuple[Patch, Texture]:
-    """Boards, crazy paving, or pebbles."""
+    """Lay boards, crazy paving, or pebbles."""
     wood = WOODS[int(rng.integers(len(WOODS)))]
     kinds = [
         (partial(studio.planks, wood, count=10), 2.4),
@@ -84,7 +84,7 @@ def _floor(rng: np.random.Generator, studio: Studio) -> tuple[Patch, Texture]:
 
 
 def _walls(rng: np.random.Generator, studio: Studio) -> Iterator[tuple[Patch, Texture]]:
-    """Two walls that meet at the back, one of them low enough to look over."""
+    """Build two walls that meet at the back, one of them low enough to look over."""
     wood, green = (colors[int(rng.integers(len(colors)))] for colors in (WOODS, GREENS))
     kinds = [
         (partial(studio.bricks, BRICK, courses=20, per_course=7), 2.0, 0.07),
@@ -108,13 +108,13 @@ def _walls(rng: np.random.Generator, studio: Studio) -> Iterator[tuple[Patch, Te
 
 
 def _trees(studio: Studio) -> Surface:
-    """Trees far behind the lower wall."""
+    """Plant trees far behind the lower wall."""
     trees = Texture.of(studio.foliage(HAZE, leaves=1200, length=0.08), 6.0)
     return Surface(upright((0.0, 2.0, 20.0), 0.0, 16.0, 4.0), trees)
 
 
 def _arrangement(rng: np.random.Generator, workshop: Workshop) -> Iterator[tuple[Spot, Builder]]:
-    """Tall things at the back, low ones in front."""
+    """Put tall things at the back, and low ones in front."""
     pot, box, crate = workshop.pot, workshop.box, workshop.crate
     low = [workshop.books, workshop.fruit, workshop.stones, workshop.tin]
     rows = [

@@ -1,7 +1,7 @@
-"""Rendered videos: the scenes of `render_pair` over some frames, with the truth of each.
+"""Renders videos: scenes of `render_pair` over some frames, with the truth of each frame.
 
-The noise is fresh in every frame. What else changes is one thing: nothing, the place of the rig, or
-the place of one object before a ground that stands still.
+Every frame has fresh noise. Only one other thing may change: the place of the rig, or the place of
+one object before a ground that stands still. In a static scene nothing else changes.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ MOTIONS: tuple[Motion, ...] = get_args(Motion)
 """A static scene; a rig that moves to the right and back; an object that moves to the right."""
 
 OUTLINE_REACH = 5  # px to either side of the moving object's outline: half of a usual window
-_STEP = 0.02, -0.01  # world units a frame that the rig moves to the right and away from the scene
-_BALL_DEPTH = 1.3  # of the object, where the nearest things of the scene are at 1.2 or so
+_STEP = 0.02, -0.01  # world units a frame: the rig moves to the right and away from the scene
+_BALL_DEPTH = 1.3  # depth of the object; the nearest things of the scene are at 1.2 or so
 _BALL_RADIUS = 0.18
 _BALL_STEP = 0.03  # world units a frame to the right: about 2 % of the image's width
 
@@ -44,7 +44,7 @@ class Shot:
     nonocc
         bool (H, W): the surface point is the front-most in the right view, too.
     outline
-        bool (H, W): pixels within `OUTLINE_REACH` of the outline of what moves before the ground.
+        bool (H, W): pixels within `OUTLINE_REACH` of the outline of the object that moves.
     """
 
     left: NDArray[np.uint8]
@@ -69,13 +69,13 @@ def render_sequence(
     Parameters
     ----------
     motion
-        What moves: one of `MOTIONS`.
+        The motion, one of `MOTIONS`.
     seed
-        Of the scene and the noise, an integer >= 0.
+        Seed of the scene and the noise, an integer >= 0.
     frames
-        How many.
+        Number of frames.
     height, width, num_disparities
-        As of `render_pair`; where the rig or an object moves, disparities stay in the range, too.
+        As in `render_pair`; if the rig or an object moves, disparities stay in the range, too.
     noise
         Standard deviation of the Gaussian noise in gray levels, independent for every frame, view,
         pixel and channel.
@@ -96,7 +96,7 @@ def render_sequence(
     camera = Camera(height=height, width=width)
     scene = furnish(np.random.default_rng(scene_seed), camera)
 
-    near = min(scene.near, _BALL_DEPTH - 2 * _BALL_RADIUS)  # whatever moves, the same rig
+    near = min(scene.near, _BALL_DEPTH - 2 * _BALL_RADIUS)  # the rig is the same for every motion
     camera = replace(camera, near=near, near_disparity=num_disparities - 2.0)
     exposure, rng = exposure_of(scene, camera), np.random.default_rng(noise_seed)
 
@@ -135,7 +135,7 @@ def _ball(scene: Scenery, camera: Camera, time: float) -> Surface:
 
 
 def _outline(scene: Scenery, camera: Camera, *, moves: bool) -> Mask:
-    """Return the pixels near the outline of the last thing in the scene, if it is that moves."""
+    """Return the pixels near the outline of the last thing in the scene, if that thing moves."""
     from scipy import ndimage  # noqa: PLC0415  # slow to import, and most of the harness does without
 
     outline = np.zeros((camera.height, camera.width), dtype=bool)

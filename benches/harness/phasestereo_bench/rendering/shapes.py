@@ -1,4 +1,4 @@
-"""Surfaces with a closed-form intersection: flat pieces, ellipsoids, cylinders and cones.
+"""Defines surfaces with a closed-form intersection: flat pieces, ellipsoids, cylinders, cones.
 
 Vectors are plain floats: NumPy's own float64 scalars would turn float32 rays into float64.
 """
@@ -19,7 +19,7 @@ Vector = tuple[float, float, float]
 
 
 class Chart(NamedTuple):
-    """Where a point is on its surface (world units), and which way the surface faces there."""
+    """The place of a point on its surface (world units), and the direction it faces there."""
 
     u: Array
     v: Array
@@ -27,18 +27,18 @@ class Chart(NamedTuple):
 
 
 class Shape(Protocol):
-    """What can be seen and throw a shadow."""
+    """A thing that is visible and throws a shadow."""
 
     def hit(self, rays: Rays) -> Array:
-        """Depths at which the rays first meet the surface; not finite or <= 0 where they don't."""
+        """Return the depths where rays first meet the surface; not finite or <= 0 if they miss."""
         ...
 
     def chart(self, x: Array, y: Array, z: Array) -> Chart:
-        """Surface coordinates of points on it."""
+        """Return the surface coordinates of points on it."""
         ...
 
     def corners(self) -> NDArray[np.float64]:
-        """Points (n, 3) whose convex hull holds the surface."""
+        """Return points (n, 3) whose convex hull holds the surface."""
         ...
 
 
@@ -64,7 +64,7 @@ class Patch:
 
     @property
     def normal(self) -> Vector:
-        """Unit vector towards the side that is lit."""
+        """Unit vector toward the lit side."""
         (a, b, c), (d, e, f) = self.right, self.up
         return b * f - c * e, c * d - a * f, a * e - b * d
 
@@ -72,13 +72,14 @@ class Patch:
         """See `Shape.hit`."""
         nx, ny, nz = self.normal
         ox, oy, oz = (c - o for c, o in zip(self.center, rays.origin, strict=True))
-        # Distance to the plane, along its normal, over what the ray covers of it per unit of depth.
+        # Divide the distance to the plane, along its normal, by the ray's advance per unit of
+        # depth.
         depth = (nx * ox + ny * oy + nz * oz) / ((ny * rays.y + nz * rays.z) + nx * rays.x)
 
         u, v, _ = self.chart(*rays.at(depth))
         a, b = u / self.half_width, v / self.half_height
 
-        if self.outline == "rectangle":  # a hair larger, or rays slip between two sides of a box
+        if self.outline == "rectangle":  # a hair larger, so no ray slips between two sides of a box
             inside = np.maximum(abs(a), abs(b)) <= 1 + 1e-6
         elif self.outline == "ellipse":
             inside = a * a + b * b <= 1

@@ -1,7 +1,7 @@
-"""What surfaces are made of: periodic pictures with the 1/f spectrum of photographs, and edges.
+"""Makes textures: periodic pictures with the 1/f spectrum of photographs, and with edges.
 
 Every maker returns the albedo (n, n, 3) of one tile in linear light; `Texture.of` gives it a size
-in the world and the coarser levels that distant surfaces are looked up in.
+in the world, and coarser levels for distant surfaces.
 """
 
 from __future__ import annotations
@@ -44,10 +44,10 @@ class Texture:
 
 
 def look_up(texture: Texture, u: Array, v: Array, spacing: Array) -> Tile:
-    """Colors (k, channels) at surface coordinates, of the level about as coarse as the rays.
+    """Return colors (k, channels) at surface coordinates; the level is about as coarse as the rays.
 
-    The spacing of the rays depends on depth alone, and a point has the same depth in both views:
-    so both see the same level of it.
+    The spacing of the rays depends only on depth, and a point has the same depth in both views, so
+    both views see the same level.
     """
     level = np.log2(spacing / texture.pitch)
     level = np.clip(level, 0, len(texture.levels) - 1).astype(np.int8)
@@ -72,7 +72,7 @@ def _bilinear(texture: Texture, level: int, u: Array, v: Array) -> Tile:
     column, row = np.floor(u), np.floor(v)
     across, along = (u - column)[:, None], (v - row)[:, None]
 
-    # A tile has a power of two of texels, so that masks wrap it around.
+    # The texels of a tile are a power of two, so masks wrap it around.
     left, top = column.astype(np.intp) & (n - 1), row.astype(np.intp) & (n - 1)
     right, below = (left + 1) & (n - 1), ((top + 1) & (n - 1)) * n
     top *= n
@@ -100,7 +100,7 @@ def fractal(rng: np.random.Generator, n: int, *, slope: float = 1.0, stretch: fl
     spectrum = np.fft.rfft2(rng.standard_normal((n, n), dtype=np.float32))
     rows, cols = np.fft.fftfreq(n)[:, None], np.fft.rfftfreq(n)[None]
     radius = np.hypot(rows, cols * stretch)
-    # The mean has no frequency, and is left out.
+    # The mean has no frequency, so it is left out.
     radius[0, 0] = np.inf
     noise = np.fft.irfft2(spectrum / (radius**slope).astype(np.float32), s=(n, n))
     return (noise / noise.std()).astype(np.float32)
@@ -109,8 +109,8 @@ def fractal(rng: np.random.Generator, n: int, *, slope: float = 1.0, stretch: fl
 class Studio:
     """Makes tiles of n x n texels, sharing a few fields of noise between them.
 
-    A field costs a transform; taken up at another place each time, a handful serves all tiles.
-    What depends on n is drawn from a generator of its own, so that n leaves all choices alone.
+    A field costs a transform; a handful serves all tiles, because each tile starts at another place
+    of a field. Choices that depend on n have their own generator, so n changes no other choice.
     """
 
     def __init__(self, rng: np.random.Generator, n: int) -> None:
@@ -120,7 +120,7 @@ class Studio:
         self._grain = fractal(self._grains, n, stretch=14)
 
     def noise(self, field: int = 0) -> Tile:
-        """Unit-variance 1/f noise; field 2 is smoother than 0 and 1."""
+        """Return unit-variance 1/f noise; field 2 is smoother than 0 and 1."""
         return self._elsewhere(self._fields[field])
 
     def _elsewhere(self, field: Tile) -> Tile:
@@ -128,16 +128,16 @@ class Studio:
         return np.roll(field, (rows, cols), axis=(0, 1))
 
     def _grid(self, wobble: float) -> tuple[Array, Array]:
-        """Row and column of every texel as shares of the tile, with unsteady lines."""
+        """Return row and column of every texel as shares of the tile, with unsteady lines."""
         steps = np.arange(self.n, dtype=np.float32) / self.n
         return steps[:, None] + wobble * self.noise(2), steps[None] + wobble * self.noise(2)
 
     def plain(self, color: Color, *, tone: float, hue: float = 0.03) -> Tile:
-        """Make one uneven color: plaster, glaze, earth or stone by the strength of its tone."""
+        """Make one uneven color: its tone's strength makes it plaster, glaze, earth or stone."""
         return tinted(color, tone * self.noise(), hue * self.noise(2))
 
     def bricks(self, color: Color, *, courses: int, per_course: int) -> Tile:
-        """Lay bricks in stretcher bond; courses must be even, for the tile to repeat."""
+        """Lay bricks in stretcher bond; courses must be even, so that the tile repeats."""
         y, x = self._grid(0.0008)
 
         row = np.floor(y * courses)
@@ -190,7 +190,7 @@ class Studio:
         y, x = self._grid(0.1 / across)
         nearest, second, cell = self._cells(y * across, x * across, across)
 
-        # Stones meet where two seeds are equally far: there are the gaps.
+        # Stones meet where two seeds are equally far, so the gaps are there.
         gap = np.clip((second - nearest) / 0.12 - 0.3, 0, 1)
         tones = self.rng.normal(0, 0.3, across * across)[cell]
         kinds = self.rng.integers(len(colors), size=across * across)[cell]
@@ -200,7 +200,7 @@ class Studio:
         return palette[kinds] * relief[..., None].astype(np.float32)
 
     def _cells(self, y: Array, x: Array, across: int) -> tuple[Array, Array, NDArray[np.intp]]:
-        """Worley's cells, one seed per square: distance to the nearest, the second, and whose."""
+        """Return Worley's cells, one seed per square: least and second distance, and whose."""
         seeds = self.rng.uniform(0.1, 0.9, size=(across, across, 2)).astype(np.float32)
 
         around = np.pad(np.arange(across), 2, mode="wrap")  # a wobble may leave the tile by one
@@ -213,7 +213,7 @@ class Studio:
         nearest = np.full(home.shape, np.inf, dtype=np.float32)
         second, cell = nearest.copy(), np.zeros(home.shape, dtype=np.intp)
 
-        # The nearest two seeds lie in the nine squares around, but for rare ones that do not show.
+        # The nearest two seeds lie in the nine squares around, except rare ones that do not show.
         for i in (-1, 0, 1):
             for j in (-1, 0, 1):
                 square = home + (i * (across + 4) + j)
@@ -234,7 +234,7 @@ class Studio:
         for k in range(leaves):
             top, left = (n * self.rng.uniform(size=2)).astype(int)
             rows, cols, colors = stamps[int(self.rng.integers(len(stamps)))]
-            # What is pasted first lies deep in the shade of the others.
+            # The first leaves lie deep in the shade of the others.
             tone = np.float32(np.exp(self.rng.normal(0.9 * k / leaves - 0.9, 0.22)))
             tile[(rows + top) % n, (cols + left) % n] = colors * tone
 
@@ -242,7 +242,7 @@ class Studio:
         return tile
 
     def _stamp(self, color: Color, half: int) -> tuple[Array, Array, Tile]:
-        """One leaf, turned: rows, columns and colors of its texels; bright on one side."""
+        """Return a turned leaf, bright on one side: rows, columns and colors of its texels."""
         turn = self.rng.uniform(0, 2 * np.pi)
         square = np.arange(-half, half + 1, dtype=np.float32) / half
         along = np.cos(turn) * square[None] + np.sin(turn) * square[:, None]

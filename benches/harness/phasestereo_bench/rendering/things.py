@@ -1,4 +1,4 @@
-"""Things that stand on the floor: boxes, books, plants in pots, fruit, stones and tins.
+"""Builds the things on the floor: boxes, books, plants in pots, fruit, stones and tins.
 
 World units are about a table's height. Each builder yields the surfaces of one thing at its spot.
 """
@@ -39,11 +39,11 @@ FRUITS: list[Color] = [(214, 134, 52), (170, 54, 44), (150, 164, 70)]
 
 EAST: Vector = (1.0, 0.0, 0.0)
 TOWARDS: Vector = (0.0, 0.0, -1.0)  # the cameras
-GOLDEN = 2.4  # radians: successive turns by it never line up
+GOLDEN = 2.4  # radians: successive turns by this angle never line up
 
 
 class Spot(NamedTuple):
-    """A place on the floor, and the height of what should stand there."""
+    """A place on the floor, and the height of the thing to put there."""
 
     x: float
     z: float
@@ -163,7 +163,7 @@ class Workshop:
         yaw: float | None = None,
         cover: Cover = printed,
     ) -> Iterator[Surface]:
-        """Four sides and a lid, turned by up to 35 degrees if no angle is given."""
+        """Build four sides and a lid, turned by up to 35 degrees if no angle is given."""
         width, height, depth = size
         if yaw is None:
             yaw = float(self.rng.uniform(-0.6, 0.6))
@@ -180,7 +180,7 @@ class Workshop:
         yield cover(lid, texture)
 
     def _plant(self, foot: Vector, height: float) -> Iterator[Surface]:
-        """Long leaves that lean outwards from one place, and a stake."""
+        """Build long leaves that lean outward from one place, and a stake."""
         kinds = self._leaves[int(self.rng.integers(len(self._leaves)))]
         for _ in range(int(self.rng.integers(18, 28))):
             leaf = self._leaf(np.array(foot), height * float(self.rng.uniform(0.6, 1.05)))

@@ -1,4 +1,4 @@
-"""The report of a benchmark: tables, a plot, and tables in documents.
+"""Reports a benchmark in tables, in a plot, and in the tables of documents.
 
     from phasestereo_bench.report.documents import document_texts, fill_places
     from phasestereo_bench.report.results import read_results

@@ -1,4 +1,4 @@
-"""Cells: the scores of one method on one scene, from the records of a Middlebury benchmark."""
+"""Reads cells, the scores of a method on a scene, from records of a Middlebury benchmark."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ Record = Mapping[str, Any]
 
 
 KIND = "middlebury"
-"""The kind of the records that are read here."""
+"""The kind of the records to read."""
 
 
 class Metric(NamedTuple):
-    """A kind of number: what it is, its unit if it has one, and whether more of it is better."""
+    """A kind of number: its name, its unit if it has one, and whether more is better."""
 
     title: str
     unit: str
@@ -31,7 +31,7 @@ class Metric(NamedTuple):
 
     @property
     def label(self) -> str:
-        """What it is and in which unit."""
+        """Name and unit of the number."""
         return ", ".join(filter(None, (self.title, self.unit)))
 
     def rank(self, value: float) -> float:
@@ -39,7 +39,7 @@ class Metric(NamedTuple):
         return -value if self.more else value
 
     def format(self, value: float) -> str:
-        """Return the value as tables have it: % to 0.1, pixels to 0.01, areas to 0.001."""
+        """Return the value as tables show it: % to 0.1, pixels to 0.01, areas to 0.001."""
         return f"{value:.{_DIGITS[self.unit]}f}"
 
 
@@ -67,40 +67,40 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
         "roc": Metric("ROC area of the confidence, non-occluded pixels", "", more=True),
     }
 )
-"""The metrics by the names under which a record holds them."""
+"""The metrics by their names in a record."""
 
 
 class Place(NamedTuple):
-    """A scene, identified by its collection, too."""
+    """A scene of a collection."""
 
     collection: str
     scene: str
 
     def __str__(self) -> str:
-        """Return "collection/scene", as scenes of `phasestereo_bench.datasets` have it."""
+        """Return "collection/scene", like scenes of `phasestereo_bench.datasets`."""
         return "/".join(self)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cell:
-    """One method on one scene, one of whose images is degraded.
+    """One method on one scene with one image degraded.
 
     Attributes
     ----------
     suite, place, degradation, side
-        Which scene, and what was done to which image of it.
+        The scene, its degradation, and the side of the degraded image.
     method
-        The method's name, with its ending where it knows the blur.
+        The method's name, with its ending if it knows the blur.
     metrics
         Finite values by the names in `METRICS`.
     seconds, peak_bytes
-        What it took, where that is known.
+        Time and memory of the match, if they are known.
     settings
         The method's settings by name.
     environment
-        Name of the environment it ran in.
+        Name of the environment in which the method ran.
     error
-        Why there are no metrics; None where there are.
+        The reason why there are no metrics; None if there are some.
     """
 
     suite: str
@@ -117,17 +117,17 @@ class Cell:
 
     @property
     def key(self) -> tuple[object, ...]:
-        """What identifies the cell."""
+        """The fields that identify the cell."""
         return self.suite, self.place, self.degradation, self.side, self.method
 
 
 def read_cell(record: Record) -> Cell:
-    """Make sense of a record of kind `KIND`.
+    """Read a cell from a record of kind `KIND`.
 
     Raises
     ------
     ValueError
-        If a field is missing or not what it should be; the message names the field.
+        If a field is missing or invalid; the message names the field.
     """
     ok = _text(record, "status") == "ok"
     settings = record.get("settings")
@@ -165,7 +165,7 @@ def _metrics(record: Record) -> dict[str, float]:
 
 
 def _number(value: object) -> float | None:
-    """Return a finite number, None for anything else: a value that is not known."""
+    """Return a finite number; None for anything else, which is an unknown value."""
     if not isinstance(value, int | float) or isinstance(value, bool):
         return None
     return float(value) if math.isfinite(value) else None

@@ -1,4 +1,4 @@
-"""Documents: their tables, rendered from results between the markers that ask for them."""
+"""Fills documents with tables of results, between the markers that ask for them."""
 
 from __future__ import annotations
 
@@ -37,24 +37,23 @@ MARKERS: Mapping[str, tuple[str, Maker, Words]] = MappingProxyType(
         },
     }
 )
-"""The names that markers can have: the suite whose results they show, in which table, and its
-footer."""
+"""The names that markers can have: the suite whose results they show, the table, and its footer."""
 
 _WIDTH = 110
 
 
 def fill_places(path: str | os.PathLike[str], texts: Mapping[str, str]) -> None:
-    """Replace what a document has between ``<!-- bench:NAME -->`` and ``<!-- /bench:NAME -->``.
+    """Replace the text between ``<!-- bench:NAME -->`` and ``<!-- /bench:NAME -->`` in a document.
 
-    Places of other names stay as they are. The file is replaced as a whole or not at all, and not
-    touched if nothing changes.
+    Places with other names stay as they are. The file is replaced as a whole or not at all, and it
+    is not touched if nothing changes.
 
     Parameters
     ----------
     path
         A Markdown file.
     texts
-        What to put there, by name.
+        The texts to insert, by name.
 
     Raises
     ------
@@ -74,7 +73,7 @@ def fill_places(path: str | os.PathLike[str], texts: Mapping[str, str]) -> None:
 
 
 def small_print(text: str) -> str:
-    """Return the text below a table as Markdown, in lines."""
+    """Return the text below a table as lines of Markdown."""
     return fill(markdown_text(text), _WIDTH, break_on_hyphens=False)
 
 
@@ -84,7 +83,7 @@ def document_texts(results: Results, *, metric: str = "v2.nonocc") -> dict[str, 
     Raises
     ------
     ValueError
-        If there is no number of the metric.
+        If the results have no number of the metric.
     """
     results.require_metric(metric)
 
@@ -92,7 +91,7 @@ def document_texts(results: Results, *, metric: str = "v2.nonocc") -> dict[str, 
     for name, (suite, table, words) in MARKERS.items():
         if suite == results.suite:
             texts[name] = markdown_table(table(results, metric))
-            # The tables of faults are on one page, which says it once.
+            # One page has all tables of faults, and explains them once.
             if words is not explain_faults or len(texts) == 1:
                 texts[name] += f"\n\n{small_print(words(results, metric))}"
     return texts

@@ -1,7 +1,7 @@
-"""Markdown: tables as text, and the places in a document that are kept up to date by them.
+"""Writes tables as Markdown, and keeps the marked places of a document up to date.
 
 A document marks such a place by two comments, ``<!-- bench:NAME -->`` and ``<!-- /bench:NAME -->``.
-What is between them is replaced, so that no figure is ever typed.
+The harness replaces the text between them, so nobody ever types a figure.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _PLACE = re.compile(
 
 
 def markdown_text(text: str) -> str:
-    """Return text such that Markdown shows just that, in one line, in a table or out of one."""
+    """Return text that Markdown shows as it is, in one line, inside or outside a table."""
     line = escape(" ".join(text.split()), quote=False)
     return re.sub(r"([\\`*_\[\]|])", r"\\\1", line)
 
@@ -37,14 +37,14 @@ def markdown_table(table: Table) -> str:
 
 
 def fill_markers(document: str, texts: Mapping[str, str]) -> str:
-    """Replace what is between the markers of a document; those of other names stay.
+    """Replace the text between the markers of a document; markers with other names stay.
 
     Parameters
     ----------
     document
-        Markdown with at least one marker of a name in `texts`; a name may come more than once.
+        Markdown with at least one marker whose name is in `texts`; a name may come more than once.
     texts
-        What to put there, by name.
+        The texts to insert, by name.
 
     Returns
     -------
@@ -54,14 +54,14 @@ def fill_markers(document: str, texts: Mapping[str, str]) -> str:
     Raises
     ------
     ValueError
-        If a marker has no counterpart, or no marker is to be filled.
+        If a marker has no counterpart, or there is no marker to fill.
     """
     newline = "\r\n" if "\r\n" in document else "\n"
 
     def filled(place: re.Match[str]) -> str:
         if place["name"] not in texts:
             return place[0]
-        # Markdown needs the empty lines: a comment would take the table for its own.
+        # Markdown needs the empty lines: without them a comment would swallow the table.
         text = texts[place["name"]].replace("\n", newline)
         return f"{place['start']}{newline * 2}{text}{newline * 2}{place['end']}"
 
@@ -75,7 +75,7 @@ def fill_markers(document: str, texts: Mapping[str, str]) -> str:
 
 
 def marked(document: str) -> set[str]:
-    """Return the names of the places that a document has."""
+    """Return the names of the places in a document."""
     return {place["name"] for place in _PLACE.finditer(document)}
 
 

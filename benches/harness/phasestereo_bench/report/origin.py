@@ -1,4 +1,4 @@
-"""Origin: where numbers come from, in words."""
+"""Explains in words where numbers come from."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from phasestereo_bench.report.tables import means, scene_count
 
 
 def explain(results: Results, metric: str) -> str:
-    """Say what the figures of a table are, and which of them are bold."""
+    """Explain the figures of a table, and which of them are bold."""
     scenes = scene_count(results, metric) or "the scenes that all methods have"
     best = " without true blur" if any(map(knows_blur, results.methods)) else ""
     return _explained(results, metric, scenes, best)
 
 
 def explain_faults(results: Results, metric: str) -> str:
-    """Say what the figures of `tables.fault_table` are."""
+    """Explain the figures of `tables.fault_table`."""
     count = min(means(results, metric, (name,)).scenes for name in results.degradations)
     return _explained(results, metric, f"{count} scenes")
 
@@ -51,12 +51,12 @@ def left_out(results: Results, metric: str) -> str:
 
 
 def origin(results: Results) -> str:
-    """Say with what the numbers were made."""
+    """Name the software and the machines behind the numbers."""
     return made_with(results.environments.values())
 
 
 def made_with(environments: Iterable[Mapping[str, Any]]) -> str:
-    """Name the environments; those that differ only in date once; the rest is in the records."""
+    """Name the environments, once if they differ only in date; the records hold the rest."""
     alike: dict[str, list[Mapping[str, Any]]] = {}
     for known in environments:
         alike.setdefault(_environment(known), []).append(known)

@@ -1,7 +1,7 @@
-"""Plots: the means of all methods at one glance, and what all plots of this package share.
+"""Plots the means of all methods, and holds the parts that all plots of this package share.
 
-Every method keeps its color and its mark in all plots: phase codes are blue, methods that know the
-blur are hollow. Figures are matplotlib's own objects, which pyplot does not manage.
+Every method keeps its color and its mark in all plots: phase codes are blue, and methods that know
+the blur are hollow. Figures are matplotlib objects that pyplot does not manage.
 """
 
 from __future__ import annotations
@@ -17,19 +17,19 @@ from phasestereo_bench.report.cells import METRICS
 from phasestereo_bench.report.results import Results, knows_blur
 from phasestereo_bench.report.tables import groups, means, overall, scene_count
 
-# Okabe and Ito's colors, which the color-blind can distinguish; the blues are ours alone.
+# Color-blind people can distinguish Okabe and Ito's colors; only our methods are blue.
 _OURS = ("#0b66c3", "#56b4e9", "#0a2f66", "#7d9bd1")
 _OTHERS = ("#d55e00", "#e69f00", "#009e73", "#cc79a7", "#777777", "#a6761d", "#000000")
-_OUR_MARKS, _OTHER_MARKS = "os^Dh", "vPX<>*"  # numbers without a divisor in common with colors
+_OUR_MARKS, _OTHER_MARKS = "os^Dh", "vPX<>*"  # no common divisor with the number of colors
 RIVAL = "opencv:sgbm"
-"""The method to compare ours with, if it is there."""
+"""The method to compare ours with, if the results have it."""
 
 INK, SOFT, GRID = "#1f2328", "#59636e", "#e3e7eb"
 _DPI = 200
 
 
 class Style(NamedTuple):
-    """How a method is drawn."""
+    """The color and the mark of a method."""
 
     color: str
     mark: str
@@ -51,14 +51,14 @@ class Style(NamedTuple):
 def styles(results: Results, metric: str) -> dict[str, Style]:
     """Return the style of each method.
 
-    Our best one has the color that stands out. A method that knows the blur is drawn as the method
-    itself, but hollow.
+    Our best method has the color that stands out. A method that knows the blur is drawn like the
+    method itself, but hollow.
     """
     stems = {method: method.removesuffix(TRUE_BLUR) for method in results.methods}
 
     best = leader(results, metric, results.ours)
     ours = dict.fromkeys(stems[method] for method in (best, *results.ours) if method is not None)
-    known = [RIVAL] if RIVAL in stems.values() else []  # so that its color is always the same
+    known = [RIVAL] if RIVAL in stems.values() else []  # so its color is always the same
     others = dict.fromkeys(stem for stem in (*known, *stems.values()) if stem not in ours)
 
     looks = dict(zip(ours, zip(cycle(_OURS), cycle(_OUR_MARKS), strict=False), strict=False))
@@ -68,14 +68,14 @@ def styles(results: Results, metric: str) -> dict[str, Style]:
 
 
 def leader(results: Results, metric: str, methods: Collection[str]) -> str | None:
-    """Return the best over all blurs of the methods that do not know the blur; None without any."""
+    """Return the best method over all blurs that does not know the blur; None without any."""
     values = overall(results, metric).values
     running = [method for method in methods if method in values and not knows_blur(method)]
     return min(running, key=lambda m: METRICS[metric].rank(values[m]), default=None)
 
 
 def draw_means(results: Results, metric: str) -> Any:
-    """Draw every method's mean over the scenes, a line for each degradation.
+    """Draw each method's mean over the scenes, with a line for each degradation.
 
     Returns
     -------
@@ -135,7 +135,7 @@ def figure_of(width: float, height: float) -> Any:
 
 
 def rule(axes: Any, labels: Sequence[str]) -> None:
-    """Give the axes a line with a label for each row, the first on top, and nothing else."""
+    """Give the axes one line and label per row, the first on top, and nothing else."""
     axes.set_yticks(range(len(labels)), labels)
     axes.set_ylim(len(labels) - 0.5, -0.5)
     axes.tick_params(length=0, colors=INK, labelsize=9)

@@ -1,4 +1,4 @@
-"""Results: the cells of a benchmark run, read back from the stores of the run.
+"""Reads the cells of a benchmark run back from its stores.
 
 This module chooses the cells and their order; `tables` and `plots` average and show them.
 """
@@ -24,20 +24,20 @@ Natural = list[tuple[int, str]]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Results:
-    """The cells of one suite with the same image degraded in all, and where they come from.
+    """The cells of one suite and one degraded image, and the environments they ran in.
 
     Attributes
     ----------
     suite, side
-        The name of the suite, and which image was degraded.
+        The name of the suite, and the degraded image.
     methods, places, degradations
-        Those of the cells, in the order of the tables.
+        Methods, places and degradations of the cells, in the order of the tables.
     cells
-        Those with metrics, at least one, by place, degradation and method, in that order.
+        Cells with metrics, at least one, by place, degradation and method, in that order.
     failures
-        Those without.
+        Cells without metrics.
     environments
-        What is known of the environments in which the cells ran, by name.
+        The environments in which the cells ran, by name.
     """
 
     suite: str
@@ -51,7 +51,7 @@ class Results:
 
     @property
     def state(self) -> str:
-        """What the pairs are like."""
+        """State of the pairs, in words."""
         if set(self.degradations) == {"sharp"}:
             return "both images sharp"
         if self.side == ALTERNATING:
@@ -60,29 +60,29 @@ class Results:
 
     @property
     def counted(self) -> tuple[Place, ...]:
-        """The places that means are taken over: those which the suite names, or else all."""
+        """Places that means cover: those that the suite names, or else all."""
         named = SUITE_SCENES.get(self.suite, frozenset())
         return tuple(place for place in self.places if str(place) in named) or self.places
 
     @property
     def metrics(self) -> tuple[str, ...]:
-        """The names in `METRICS` of which there is any number."""
+        """Names in `METRICS` for which there is a number."""
         there = {name for cell in self.cells.values() for name in cell.metrics}
         return tuple(name for name in METRICS if name in there)
 
     @property
     def ours(self) -> tuple[str, ...]:
-        """The methods that compare phase codes."""
+        """Methods that compare phase codes."""
         ours = {cell.method for cell in self.cells.values() if _family(cell) == 0}
         return tuple(method for method in self.methods if method in ours)
 
     def require_metric(self, metric: str) -> None:
-        """Refuse a metric of which there is no number.
+        """Refuse a metric without any number.
 
         Raises
         ------
         ValueError
-            With the names of those that there are.
+            If there is no number; the message names the metrics that have numbers.
         """
         if metric not in self.metrics:
             names = ", ".join(self.metrics)
@@ -112,25 +112,25 @@ def read_results(
 ) -> Results:
     """Read one or more stores of a Middlebury benchmark.
 
-    Of several records of one cell the last counts. Records of other benchmarks are left out.
+    If a cell has several records, the last one counts. Records of other benchmarks are left out.
 
     Parameters
     ----------
     paths
         The stores, at least one.
     suite
-        Only this suite; None: the only one there is.
+        Only this suite; None: the only one in the stores.
     side
-        Only cells with this image degraded, "left" or "right"; None: the only one there is.
+        Only cells with this image degraded, "left" or "right"; None: the only one in the stores.
     methods
-        Only these methods, by name and in this order; none: all, phase codes first and those that
-        know the blur last.
+        Only these methods, by name and in this order; empty: all, phase codes first and methods
+        that know the blur last.
 
     Raises
     ------
     ValueError
-        If a file is not what it should be; if there are no results, or none of that suite, side or
-        method; if there are those of several suites or sides, and no choice.
+        If a file is invalid; if there are no results, or none of that suite, side or method; if
+        there are results of several suites or sides, and no choice.
     OSError
         If a file cannot be read.
     """
@@ -151,7 +151,7 @@ def results_of(
     side: str | None = None,
     methods: Sequence[str] = (),
 ) -> Results:
-    """Return the results that records are, which messages call by the keys; as `read_results`."""
+    """Return the results in records, whose keys appear in messages; see `read_results`."""
     cells: dict[tuple[object, ...], Cell] = {}
     environments: dict[str, Mapping[str, Any]] = {}
 
@@ -171,7 +171,7 @@ def results_of(
 def _chosen(
     cells: Sequence[Cell], suite: str | None, side: str | None, methods: Sequence[str]
 ) -> list[Cell]:
-    """Return the cells that are wanted; refuse where there are none, or the choice is open."""
+    """Return the wanted cells; refuse if there are none, or if the choice is open."""
     suite = _choice("suite", suite, {cell.suite for cell in cells})
     of_suite = [cell for cell in cells if cell.suite == suite]
 
@@ -251,13 +251,13 @@ def _family(cell: Cell) -> int:
 
 
 def _natural(text: str) -> Natural:
-    """Return a key that sorts in any case, numbers by their value: "L=7" before "L=11"."""
+    """Return a key that ignores case and sorts numbers by value: "L=7" before "L=11"."""
     parts = re.split(r"(\d+)", text.casefold())
     return [(int(part), "") if part.isdecimal() else (0, part) for part in parts]
 
 
 def _index(known: Sequence[str], name: str) -> int:
-    """Return the index of a name, behind all others where it is unknown."""
+    """Return the index of a name; an unknown name goes behind all others."""
     return known.index(name) if name in known else len(known)
 
 

@@ -1,11 +1,12 @@
-"""Sharp pairs: tables as those of the Middlebury evaluations, versions 2 and 3.
+"""Makes tables of sharp pairs like those of the Middlebury evaluations, versions 2 and 3.
 
-Version 2 ranked by the percentages of three regions of each of its scenes, version 3 looks at how
-far disparities are off. Means are those of `tables`: over the scenes that all methods have.
+Version 2 ranked methods by the percentages of three regions of each of its scenes; version 3
+measures how far disparities are off. Means are those of `tables`: over the scenes that all methods
+have.
 
 The sizes of MiddEval3 are side by side: quarter, half and full resolution of the training pairs.
 The official figure counts errors in pixels of the full size: its bad-2.0 is bad-1.0 at half and
-bad-0.5 at a quarter of that, as the evaluation's own programs say.
+bad-0.5 at a quarter of that size, as the evaluation's own programs show.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ _V3 = {
 
 
 def sharp_tables(results: Results) -> dict[str, tuple[str, Table]]:
-    """Return the tables by title, each behind what its figures are; none of another suite."""
+    """Return the tables by title, each with an explanation first; no table for another suite."""
     if results.suite != "sharp":
         return {}
     tables = {
@@ -52,9 +53,9 @@ def sharp_tables(results: Results) -> dict[str, tuple[str, Table]]:
 
 
 def v2_table(results: Results, _metric: str = "") -> Table:
-    """Return methods x regions of the scenes of version 2, and last the mean of all of these.
+    """Return methods x regions of the scenes of version 2, and last the mean of all regions.
 
-    Regions without any number are left out. Only methods that have all the others have a mean.
+    Regions without any number are left out. Only methods with all other regions have a mean.
     """
     chosen = _of_v2(results, wanted=True)
     names = place_names(chosen.places)
@@ -88,7 +89,7 @@ def two_table(results: Results, _metric: str = "") -> Table:
 
 
 def explain_v2(_results: Results, _metric: str = "") -> str:
-    """Say what the figures of `v2_table` are."""
+    """Explain the figures of `v2_table`."""
     return (
         "Bad-1.0, %: of non-occluded pixels, of all, and of those near a depth jump, as version 2 "
         "of the Middlebury evaluation had them; less is better. Bold: the best."
@@ -96,7 +97,7 @@ def explain_v2(_results: Results, _metric: str = "") -> str:
 
 
 def explain_v3(results: Results, _metric: str = "") -> str:
-    """Say what the figures of `v3_table` are."""
+    """Explain the figures of `v3_table`."""
     count = len(_of_v2(results, wanted=False).counted)
     return (
         f"Non-occluded pixels, means over the other {count} scenes, as in version 3 of the "
@@ -117,7 +118,7 @@ def _means(results: Results, metric: str) -> Mapping[str, float]:
 
 
 def _table(results: Results, columns: Mapping[str, tuple[Mapping[str, float], str]]) -> Table:
-    """Return methods x columns, each of which has its values by method, and their metric."""
+    """Return methods x columns; each column has its values by method, and their metric."""
     entries = [
         figures(results.methods, values, METRICS[metric]) for values, metric in columns.values()
     ]
@@ -126,7 +127,7 @@ def _table(results: Results, columns: Mapping[str, tuple[Mapping[str, float], st
 
 
 class Size(NamedTuple):
-    """One size of the pairs: what to call it, and its metric that is the official bad-2.0."""
+    """One size of the pairs: its name, and the metric that is the official bad-2.0."""
 
     name: str
     official: str
@@ -162,7 +163,7 @@ def size_table(cells: Iterable[Cell]) -> Table | None:
 
 
 def explain_sizes() -> str:
-    """Say what the figures of `size_table` are."""
+    """Explain the figures of `size_table`."""
     return (
         "MiddEval3, non-occluded pixels, means over the scenes that all methods of a size have. "
         "Official: more than 2 px off in pixels of the full size, %. Bad-T in %, and the mean "

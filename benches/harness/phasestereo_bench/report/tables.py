@@ -1,7 +1,7 @@
-"""Tables: the results in rows and columns.
+"""Arranges results in rows and columns.
 
 A mean covers only the scenes that all methods have, so no method gains by leaving one out. The best
-figure of each degradation is marked; methods that know the blur show what could be had, and do not
+figure of each degradation is marked. Methods that know the blur show what is possible, and do not
 compete with the others.
 """
 
@@ -21,11 +21,11 @@ from phasestereo_bench.rigs import RIGS
 MISSING = "-"
 
 MOST_COLUMNS = 12
-"""Degradations that a table has side by side; more of them go down."""
+"""The most degradations that a table has side by side; with more, they go down."""
 
 
 class Entry(NamedTuple):
-    """What a table has in one place, and whether it is the best of those it competes with."""
+    """An entry of a table, and whether it is the best of its competitors."""
 
     text: str
     best: bool = False
@@ -38,11 +38,11 @@ class Table:
     Attributes
     ----------
     header
-        Of the columns.
+        Titles of the columns.
     rows
-        As many entries each.
+        Rows with one entry per column.
     labels
-        How many of the columns, from the left, are text; the others are numbers.
+        Number of columns with text, from the left; the others hold numbers.
     """
 
     header: tuple[str, ...]
@@ -53,13 +53,13 @@ class Table:
     def of(
         cls, header: Iterable[str], rows: Iterable[Iterable[str | Entry]], labels: int = 1
     ) -> Table:
-        """Return a table of texts, or of entries where some are marked."""
+        """Return a table of texts, or of entries if some are marked."""
         entries = ([Entry(c) if isinstance(c, str) else c for c in row] for row in rows)
         return cls(tuple(header), tuple(map(tuple, entries)), labels)
 
 
 class Means(NamedTuple):
-    """Means of methods by name, over this many scenes that all of these have."""
+    """Means of methods by name, over this many scenes that all of them have."""
 
     scenes: int
     values: Mapping[str, float]
@@ -71,17 +71,18 @@ def means(results: Results, metric: str, degradations: Sequence[str]) -> Means:
     Parameters
     ----------
     results
-        What to average.
+        The results to average.
     metric
-        Which number, a name in `METRICS`.
+        The number to average, a name in `METRICS`.
     degradations
-        Over which, at least one; a method has a scene if it has the number for all of them.
+        The degradations to average over, at least one; a method has a scene if it has the number
+        for all of them.
 
     Returns
     -------
     Means
-        Of the methods that have any scene, over the scenes that all of these have; where the suite
-        names its scenes, over no others.
+        Means of the methods that have any scene, over the scenes that all of these have; if the
+        suite names its scenes, over no others.
     """
     by_method = {}
     for method in results.methods:
@@ -99,7 +100,7 @@ def means(results: Results, metric: str, degradations: Sequence[str]) -> Means:
 
 
 def blurs(results: Results) -> tuple[str, ...]:
-    """Return the degradations of the suite which have a kernel, if all of these are there."""
+    """Return the degradations of the suite with a kernel, if the results have all of these."""
     kernels = tuple(
         name
         for name, degradation in SUITES.get(results.suite, {}).items()
@@ -109,21 +110,21 @@ def blurs(results: Results) -> tuple[str, ...]:
 
 
 def groups(results: Results) -> dict[str, tuple[str, ...]]:
-    """Return the degradations that are averaged over, by what the average is called."""
+    """Return the degradations of each average, by the name of the average."""
     single: dict[str, tuple[str, ...]] = {row: (row,) for row in results.degradations}
     return single | ({"mean of the blurs": blurs(results)} if blurs(results) else {})
 
 
 def overall(results: Results, metric: str) -> Means:
-    """Return the means over the blurs if all of them are there, else over all degradations."""
+    """Return the means over the blurs if all of them have results, else over all degradations."""
     return means(results, metric, blurs(results) or results.degradations)
 
 
 def mean_table(results: Results, metric: str) -> Table:
     """Return methods x degradations: means over scenes, and last that over all blurs.
 
-    Where the means are over different numbers of scenes, a further row says how many. Of more than
-    12 degradations these go down and methods across.
+    If the means cover different numbers of scenes, another row shows the numbers. With more than 12
+    degradations, these go down and methods across.
     """
     columns = []
     for degradations in groups(results).values():
@@ -143,7 +144,7 @@ def mean_table(results: Results, metric: str) -> Table:
 
 
 def scene_count(results: Results, metric: str) -> str:
-    """Say how many scenes all means are over, in words; nothing if they differ in that."""
+    """Return in words the number of scenes that all means cover; nothing if the numbers differ."""
     counts = {means(results, metric, group).scenes for group in groups(results).values()}
     return f"{_share(results, counts.pop())} scenes" if len(counts) == 1 else ""
 
@@ -182,7 +183,7 @@ def fault_table(results: Results, metric: str, *, group: str) -> Table:
 
 
 def place_names(places: Sequence[Place]) -> dict[Place, str]:
-    """Return labels of the scenes: their names where these are unique."""
+    """Return labels of the scenes: their names if these are unique."""
     scenes = [place.scene for place in places]
     return {
         place: place.scene if scenes.count(place.scene) == 1 else str(place) for place in places
@@ -204,7 +205,7 @@ def cost_table(results: Results) -> Table:
 def figures(
     methods: Iterable[str], values: Mapping[str, float], metric: Metric
 ) -> tuple[Entry, ...]:
-    """Return the figures of methods; the best is marked where several compete."""
+    """Return the figures of methods; mark the best if several compete."""
     texts = {method: metric.format(value) for method, value in values.items()}
     rivals = [method for method in values if not knows_blur(method)]
     ranked = sorted(rivals, key=lambda method: metric.rank(values[method]))
@@ -217,7 +218,7 @@ def figures(
 
 
 def _share(results: Results, scenes: int) -> str:
-    """Say how many scenes there are, and of how many if the suite has more."""
+    """Return the number of scenes, "of" the number in the suite if it has more."""
     whole = len(SUITE_SCENES.get(results.suite, ()))
     return f"{scenes} of {whole}" if scenes < whole else str(scenes)
 

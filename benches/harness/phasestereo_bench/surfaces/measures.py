@@ -24,7 +24,7 @@ JUMP = 2.0  # px between neighbors: an edge of a surface, or a stripe
 EDGE_REACH = 2  # px
 THIN_SHARE = 0.02  # of the image's width
 STEEP = 0.05  # px a px: a surface with this slope or more is slanted
-PLAIN, PLAIN_NOISE = 1.5, 2.0  # gray levels of local deviation, and the part of noise
+PLAIN, PLAIN_NOISE = 1.5, 2.0  # gray levels of local deviation, and the factor of the noise
 
 _SLOPE_SIGMA = 3.0  # px over which slopes are averaged
 _STEP = 1.0  # px between neighbors: a difference this large is not a slope
