@@ -1,4 +1,4 @@
-"""Pairs with known disparities, and the range that a match finds by itself."""
+"""Makes pairs with known disparities, and checks the range that a match finds by itself."""
 
 from phasestereo_bench.ranges.constructions import KINDS, Construction, constructions
 from phasestereo_bench.ranges.trials import (

@@ -1,7 +1,7 @@
-"""Pairs made of scenes: objects before a background, ranges of either sign, faults.
+"""Makes pairs from scenes: objects before a background, ranges of either sign, faults.
 
-A background is an image (or several, side by side) and a right view of it under a field of
-disparities, or a scene as it is. Objects are cut from another image, pasted into both views.
+A background is an image (or several, side by side) with a right view of it under a field of
+disparities, or a scene as it is. Objects are cut from another image and pasted into both views.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ Fault = Callable[[Views], Views]
 
 KINDS = ("near", "poles", "squares", "signed", "same", "parallel", "weak")
 """Near objects by their share of the image; poles; squares; ranges of either sign; the same image
-twice; disparities of zero alone; weak texture."""
+twice; only disparities of zero; weak texture."""
 
 _SHARES = 0.005, 0.01, 0.02, 0.03, 0.05
 _NEAR = 45, 90
@@ -43,11 +43,11 @@ class Construction:
     kind
         One of `KINDS`.
     name
-        What to call it.
+        Name of the pair.
     left, right
         The views, uint8 (H, W).
     low, high
-        Ends of the disparities that the range has to hold, px.
+        Ends of the disparities that the range must hold, px.
     objects
         Disparities of the objects among them, px.
     """
@@ -64,17 +64,17 @@ class Construction:
 def constructions(
     scenes: Sequence[Pair], kinds: Sequence[str] = KINDS, *, held: bool = False
 ) -> Iterator[Construction]:
-    """Make pairs of scenes, deterministically.
+    """Make pairs from scenes, deterministically.
 
     Parameters
     ----------
     scenes
-        At least two, of which textures and backgrounds are taken.
+        At least two scenes, the source of textures and backgrounds.
     kinds
-        Which of `KINDS`.
+        The kinds to make, of `KINDS`.
     held
-        Others than those that the search for the range was developed with: other textures, places,
-        sizes, and a fault each (blur of one image, noise, JPEG).
+        Make held-out pairs, on which the search for the range was not developed: other textures,
+        places, sizes, and a fault each (blur of one image, noise, JPEG).
 
     Raises
     ------
@@ -93,7 +93,7 @@ def constructions(
         "parallel": _parallel,
         "weak": _weak,
     }
-    # A scene in another light would be a repetition.
+    # A scene in another light would repeat the same scene.
     names = {pair.name for pair in scenes}
     textures = [_gray(pair.left) for pair in scenes if pair.name[:-1] not in names]
     for kind in kinds:
@@ -101,7 +101,7 @@ def constructions(
 
 
 def _near(pairs: Sequence[Pair], textures: list[Image], *, held: bool) -> Iterator[Construction]:
-    """Yield scenes of few disparities with an object that covers a share of the image."""
+    """Yield scenes with few disparities and an object that covers a share of the image."""
     backgrounds: list[tuple[str, Views, float, float]] = []
     for pair in pairs:
         known = _known(pair)
@@ -171,7 +171,7 @@ def _same(_: Sequence[Pair], textures: list[Image], *, held: bool) -> Iterator[C
 
 
 def _parallel(_: Sequence[Pair], textures: list[Image], *, held: bool) -> Iterator[Construction]:
-    """Yield far scenes: disparities of zero, about, and other light."""
+    """Yield far scenes: disparities near zero, and other light."""
     for index, columns in enumerate((600, 1500) if held else (450, 1240)):
         (left, right), low, high = _background(
             textures, (columns // 2, columns), (-0.4, 0.4), index + 3 * held
@@ -181,7 +181,7 @@ def _parallel(_: Sequence[Pair], textures: list[Image], *, held: bool) -> Iterat
 
 
 def _weak(pairs: Sequence[Pair], _: list[Image], *, held: bool) -> Iterator[Construction]:
-    """Yield scenes of which little contrast is left."""
+    """Yield scenes with little contrast left."""
     for pair in pairs[held::2]:
         known = _known(pair)
         if known is not None:
@@ -211,10 +211,10 @@ def _gray(image: NDArray[Any]) -> Image:
 def _background(
     textures: list[Image], shape: tuple[int, int], span: tuple[float, float], seed: int
 ) -> tuple[Views, float, float]:
-    """Return views of a mosaic under a smooth field of disparities, and the ends of these.
+    """Return views of a mosaic under a smooth field of disparities, and the ends of the field.
 
-    The field belongs to the right view, so that no place of it is seen twice; the left view is
-    resampled by linear interpolation, the right one is the mosaic.
+    The field belongs to the right view, so no place of it is seen twice. Linear interpolation
+    resamples the left view; the right view is the mosaic.
     """
     rows, columns = shape
     low, high = span
@@ -255,7 +255,7 @@ def _mosaic(textures: list[Image], shape: tuple[int, int], seed: int) -> Image:
 
 
 def _cut(texture: Image, size: tuple[int, int], seed: int) -> Image:
-    """Return the part of an image, out of several, that has the most contrast."""
+    """Return the part with the most contrast out of several parts of an image."""
     generator = np.random.default_rng(seed)
     rows, columns = (min(wanted, there) for wanted, there in zip(size, texture.shape, strict=True))
     parts = []
@@ -277,7 +277,7 @@ def _pasted(views: Views, patch: Image, place: tuple[int, int], disparity: int) 
 
 
 def _faults(*, held: bool) -> list[tuple[str, Fault]]:
-    """Return the faults by name: none is done to the views unless pairs are held out."""
+    """Return the faults by name; only held-out pairs get any."""
     known: list[tuple[str, Fault]] = [
         ("", lambda views: views),
         ("blurred", lambda views: (Degradation(disk_psf(2), noise=1)(views[0]), views[1])),

@@ -1,4 +1,4 @@
-"""Ranges found in constructions; matches without a range against matches with one; their tables."""
+"""Checks ranges found in constructions; compares matches without a range to matches with one."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ _FAST = ps.PRESETS["fast"]
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """The range of a construction.
+    """The search range found for a construction.
 
     Attributes
     ----------
     kind, name
-        Those of the construction.
+        Kind and name of the construction.
     search
-        The range that is searched when none is given.
+        The range to search when none is given.
     outside
         Whether an end of the true disparities, or an object, lies outside it.
     longer
-        Its length over the one that is needed.
+        Length of the range over the needed length.
     """
 
     kind: str
@@ -48,7 +48,7 @@ class Trial:
         """Judge the range of a construction."""
         first, last = found.min_disparity, found.min_disparity + found.num_disparities - 1
 
-        # A candidate stands for half a pixel on either side.
+        # A candidate covers half a pixel on either side.
         wanted = made.objects or (made.low, made.high)
         outside = any(not first - 0.5 <= each <= last + 0.5 for each in wanted)
         longer = (last - first + 1) / (made.high - made.low + 1)
@@ -62,13 +62,13 @@ class Comparison:
     Attributes
     ----------
     name
-        That of the scene.
+        Name of the scene.
     bad
         Share of the pixels with a truth that are more than 1 px off, without and with the range.
     seconds
-        Of the matches.
+        Times of the matches.
     longer
-        Length of the range that was found, over the length of the true one.
+        Length of the found range over the length of the true range.
     """
 
     name: str

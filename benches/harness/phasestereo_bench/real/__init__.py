@@ -1,7 +1,7 @@
-"""Evidence from real rigs: recordings without true depths, and real pairs with them.
+"""Gathers evidence from real rigs: recordings without true depths, and real pairs with them.
 
 `frames` finds the pairs of a recording, `rows` compares the estimates of their rows with the
-calibration, `agreement` runs a matcher twice, `pairs` holds those with a truth, and `jobs` combines
+calibration, `agreement` runs a matcher twice, `pairs` holds pairs with a truth, and `jobs` combines
 them.
 """
 

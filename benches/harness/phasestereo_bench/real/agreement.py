@@ -1,8 +1,8 @@
-"""Judge a map without its truth: whether a matcher agrees with itself.
+"""Judges a map without a truth, by whether the matcher agrees with itself.
 
-A pair seen in a mirror, its images exchanged, is a pair again, whose disparities are those of the
-right image. Every matcher takes it, so every one can be asked twice. What only one camera sees can
-not agree, so even a perfect map has less than 100 %.
+If you mirror both images of a pair and swap them, you get a pair again, whose disparities are those
+of the right image. Every matcher takes such a pair, so each one can run twice. Pixels that only one
+camera sees cannot agree, so even a perfect map has less than 100 %.
 """
 
 from __future__ import annotations
@@ -24,18 +24,18 @@ NUM_DISPARITIES = 64
 """The number of disparities for methods that need one."""
 
 CONFIDENT = 0.5
-"""From this confidence on a disparity counts as trusted by the method itself."""
+"""A method itself trusts a disparity with this confidence or more."""
 
 
 def score_frame(folder: Path, files: tuple[Path, ...], spec: str, *, rectified: bool) -> Any:
-    """Match a frame from either side, raw or rectified by the calibration.
+    """Match a frame from either side, raw or rectified with the calibration.
 
     Returns
     -------
     dict
         ``"agreement"``: share of the pixels, 0 to 1, whose disparity the map of the right image
-        confirms within 1 px; ``"trusted"``: share whose confidence is at least `CONFIDENT`, None of
-        methods without one; ``"seconds"`` and ``"peak_bytes"`` of the first of both matches.
+        confirms within 1 px; ``"trusted"``: share whose confidence is at least `CONFIDENT`, None
+        for methods without one; ``"seconds"`` and ``"peak_bytes"`` of the first of both matches.
 
     Raises
     ------
@@ -70,7 +70,7 @@ def confirmed(disparity: Floats, of_right: Floats) -> NDArray[np.bool_]:
     Parameters
     ----------
     disparity, of_right
-        Of the left and of the right image, (H, W), px; NaN elsewhere.
+        Disparities of the left and of the right image, (H, W), px; NaN elsewhere.
     """
     cols = disparity.shape[1]
     column = np.rint(np.arange(cols) - np.nan_to_num(disparity, nan=np.inf))

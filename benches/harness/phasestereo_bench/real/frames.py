@@ -1,4 +1,4 @@
-"""Recordings: folders with the raw frames of two cameras and their calibration."""
+"""Finds and reads recordings: folders with raw frames of two cameras and their calibration."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from phasestereo.io import read_image, read_pair
 from phasestereo.io.folders import images_of, paths_of_rig
 from phasestereo_bench.arrays import Image
 
-_SIDE_BY_SIDE = 2  # times as wide as high, or wider: both views in one picture
+_SIDE_BY_SIDE = 2  # width over height: a picture this wide or wider holds both views
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,10 +24,10 @@ class RigRecording:
     Attributes
     ----------
     folder
-        Where they are, and the calibration: as `phasestereo.rectify` takes a folder.
+        Folder of the frames and of the calibration, as for `phasestereo.rectify`.
     frames
-        Of each frame the files, by name: the left and the right one, or one with both views side
-        by side.
+        Files of each frame, in order of their names: the left and the right one, or one with both
+        views side by side.
     """
 
     folder: Path
@@ -45,9 +45,10 @@ def find_recording(folder: str | os.PathLike[str]) -> RigRecording:
     Parameters
     ----------
     folder
-        Holds the calibration, and both views in folders or files as a batch finds them: folders
-        ``cam0`` and ``cam1``, ``left`` and ``right`` and so on, or files ``left*`` and ``right*``.
-        Other pictures in it that are at least twice as wide as high have both views side by side.
+        Folder with the calibration, and both views in folders or files as a batch finds them:
+        folders ``cam0`` and ``cam1``, ``left`` and ``right`` and so on, or files ``left*`` and
+        ``right*``. Other pictures in it that are at least twice as wide as high have both views
+        side by side.
 
     Raises
     ------
@@ -99,7 +100,7 @@ def _opaque(image: NDArray[np.generic]) -> Image:
 
 
 def _is_picture(path: Path) -> bool:
-    return path.suffix != ".npy" and path.is_file()  # the others are of a calibration
+    return path.suffix != ".npy" and path.is_file()  # .npy files belong to a calibration
 
 
 def _is_wide(path: Path) -> bool:

@@ -1,4 +1,4 @@
-"""The jobs of recordings and of real pairs."""
+"""Lists the jobs of recordings and of real pairs."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ ROWS, FRAMES, PAIRS = "recording-rows", "recording-frame", "real-pair"
 
 
 def recording_jobs(recording: RigRecording, methods: Sequence[str]) -> list[Job]:
-    """Return the jobs of a recording: the rows of each frame, and each method on it, twice."""
+    """Return the jobs of a recording: the rows of each frame, and each method twice on it."""
     jobs = []
     for files in recording.frames:
         here = {"recording": recording.name, "frame": files[0].stem}
@@ -35,7 +35,7 @@ def recording_jobs(recording: RigRecording, methods: Sequence[str]) -> list[Job]
 
 
 def real_jobs(root: Path, methods: Sequence[str]) -> list[Job]:
-    """Return the jobs of the real pairs below a folder, as far as they are there."""
+    """Return the jobs of the real pairs that are below a folder."""
     return [
         Job(
             {"kind": PAIRS, "pair": name, "method": str(method(spec))},

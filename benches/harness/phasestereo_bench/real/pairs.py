@@ -1,4 +1,4 @@
-"""Real pairs with a truth: another exposure, and lenses focused at different distances."""
+"""Loads real pairs with a truth: another exposure, and lenses focused at different distances."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from phasestereo.io import read_image
 from phasestereo_bench.datasets import Pair, find_scenes
 from phasestereo_bench.middlebury import wrong_shares
 
-_EXPOSURE = "MotorcycleE"  # as Motorcycle, the right image exposed otherwise
+_EXPOSURE = "MotorcycleE"  # like Motorcycle, with another exposure of the right image
 _FOCUS = "real_defocus/breakfast"
-_SHIFT = 16  # px: the disparity that the pair is given
-_COUNT = 64  # disparities that are searched
+_SHIFT = 16  # px: the disparity that the harness gives the pair
+_COUNT = 64  # disparities to search
 
 
 def find_pairs(root: Path) -> dict[str, Path]:
-    """Return the folders of the real pairs that are there, by what tables call them.
+    """Return the folders of the available real pairs, by their names in tables.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ def find_pairs(root: Path) -> dict[str, Path]:
 
 
 def load_pair(name: str, folder: Path) -> Pair:
-    """Load a real pair; of "focus" the right image is moved by 16 px, which is then the truth.
+    """Load a real pair; move the right image of "focus" by 16 px, which is then the truth.
 
     Raises
     ------
@@ -65,5 +65,5 @@ def load_pair(name: str, folder: Path) -> Pair:
 
 
 def score_pair(name: str, folder: Path, spec: str) -> dict[str, Any]:
-    """Match a real pair and return the share of wrong pixels, %, as ``"bad_1"`` and ``"bad_2"``."""
+    """Match a real pair; return shares of wrong pixels, %, as ``"bad_1"`` and ``"bad_2"``."""
     return wrong_shares(load_pair(name, folder), spec)

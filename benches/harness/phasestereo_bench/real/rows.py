@@ -1,7 +1,7 @@
-"""Rows of raw frames: estimates from the images alone, compared with the calibration.
+"""Compares estimates of the rows of raw frames, from the images alone, with the calibration.
 
-The calibration says which pixel of the raw right image shows what a pixel of the raw left one does,
-at each distance. These places, all over the image and at five distances, are the truth.
+For each distance, the calibration gives the raw right pixel that shows the same point as a raw left
+pixel. These places, all over the image and at five distances, are the truth.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from phasestereo_bench.real.frames import read_frame
 
 _STEP = 12  # px between places
 _DISTANCES = 5
-_COARSE = 6  # px between the points by which maps are turned around
+_COARSE = 6  # px between the points that invert the maps
 
 
 class Places(NamedTuple):
-    """Raw pixels of both images that show the same, each (N,)."""
+    """Raw pixels of both images that show the same points, each (N,)."""
 
     left_x: Plane
     left_y: Plane
@@ -33,16 +33,16 @@ class Places(NamedTuple):
 
 
 def score_rows(folder: Path, files: tuple[Path, ...]) -> dict[str, Any]:
-    """Return by how many rows a raw frame is off, before and after what is found from it alone.
+    """Return the row errors of a raw frame, before and after corrections from the frame alone.
 
     Returns
     -------
     dict
-        Root mean squares over the image in px: ``"delivered"``; ``"match"``, after what `match`
-        straightens by itself; ``"rectify"``, after `rectify` without the calibration, None where it
-        refuses; ``"calibrated"``, what is measured of the pair after rectification by the
-        calibration, None where too little is seen. ``"offset"``: rows at the center that `match`
-        finds, None where it finds none.
+        Root mean squares over the image in px: ``"delivered"``; ``"match"``, after `match`
+        straightens the rows by itself; ``"rectify"``, after `rectify` without the calibration, None
+        if it refuses; ``"calibrated"``, measured on the pair after rectification by the
+        calibration, None if too little is seen. ``"offset"``: row offset at the center that `match`
+        finds, None if it finds no offset.
 
     Raises
     ------
@@ -52,7 +52,7 @@ def score_rows(folder: Path, files: tuple[Path, ...]) -> dict[str, Any]:
     left, right = read_frame(files)
     truth = ps.rectify(left, right, folder)
 
-    with unwarned():  # what is off is what is measured here
+    with unwarned():  # this function measures those faults itself
         places = corresponding(truth, _disparities(truth), (left.shape[0], left.shape[1]))
         alignment = ps.match(left, right, threads=1).alignment
 
@@ -71,14 +71,14 @@ def score_rows(folder: Path, files: tuple[Path, ...]) -> dict[str, Any]:
 
 
 def corresponding(truth: Rectification, disparities: Plane, size: tuple[int, int]) -> Places:
-    """Return the raw pixels that show the same by a calibration, at these disparities.
+    """Return the raw pixels that show the same points by a calibration, at these disparities.
 
     Parameters
     ----------
     truth
         The frame rectified by the calibration.
     disparities
-        In the rectified pair, whole px.
+        Disparities in the rectified pair, whole px.
     size
         Height and width of the raw images.
     """
@@ -92,14 +92,14 @@ def corresponding(truth: Rectification, disparities: Plane, size: tuple[int, int
         at, here, there = y[inside], x[inside], x[inside] - disparity
         parts.append([left_x[at, here], left_y[at, here], right_x[at, there], right_y[at, there]])
 
-    # Places that one of the raw images does not show correspond to nothing.
+    # A place outside one of the raw images corresponds to nothing.
     found = np.concatenate([np.asarray(part, np.float64) for part in parts], axis=1)
     limits = np.array([size[1], size[0], size[1], size[0]])[:, np.newaxis] - 1
     return Places(*found[:, ((found >= 0) & (found <= limits)).all(axis=0)])
 
 
 def _disparities(truth: Rectification) -> Plane:
-    """Return whole disparities all over the range of what the rectified pair shows."""
+    """Return whole disparities over the full range of the rectified pair."""
     result = ps.match(
         truth.left,
         truth.right,
@@ -114,7 +114,7 @@ def _disparities(truth: Rectification) -> Plane:
 
 
 def _rectified(left: Any, right: Any, places: Places) -> float | None:
-    """Return the row errors after `rectify` from the images alone; None where it refuses."""
+    """Return the row errors after `rectify` from the images alone; None if it refuses."""
     try:
         found = ps.rectify(left, right)
     except ValueError:

@@ -1,4 +1,4 @@
-"""The suites "rigs" and "rigs-2": pairs as real rigs deliver them.
+"""The suites "rigs" and "rigs-2" make pairs as real rigs deliver them.
 
 `fault` defines a fault and combines faults; `geometry`, `sensor`, `optics`, `capture`, `depth` and
 `corruptions` change images; `suite` lists the faults and their strengths.

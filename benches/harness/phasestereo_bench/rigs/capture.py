@@ -1,7 +1,7 @@
-"""Changes that cameras and videos make to an image, by OpenCV's and FFmpeg's own code.
+"""Changes images as cameras and videos do, by OpenCV's and FFmpeg's own code.
 
-Functions are as those of `sensor`. All of them work on colors; a gray image is made of three equal
-ones and made gray again.
+Functions work like those of `sensor`. All of them work on colors; a gray image becomes three equal
+channels, and gray again afterward.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from phasestereo_bench.arrays import Image
 from phasestereo_bench.degradation import quantize
 
 INFRARED = (0.9, 0.6, -0.5)
-"""Shares of red, green and blue in what a camera without its filter sees, about."""
+"""Approximate shares of red, green and blue in the image of a camera without its filter."""
 
 
 def in_color(spoiler: Callable[..., Any]) -> Callable[..., Image]:
-    """Let a function of colors take gray images, too, and round what it returns."""
+    """Let a function of colors take gray images, too, and round its result."""
 
     @wraps(spoiler)
     def spoil(image: Image, seed: int, **options: Any) -> Image:
@@ -53,7 +53,7 @@ def video(image: Image, _seed: int, *, codec: str, crf: int) -> Any:
         stream.height, stream.width, stream.pix_fmt = *even.shape[:2], "yuv420p"
         frame = av.VideoFrame.from_ndarray(even, "rgb24")
         for packet in (*stream.encode(frame), *stream.encode()):
-            packet.pts = packet.dts = 0  # of x265 one of them is wrong now and then
+            packet.pts = packet.dts = 0  # x265 sometimes sets one of them wrong
             written.mux(packet)
 
     file.seek(0)
@@ -63,13 +63,13 @@ def video(image: Image, _seed: int, *, codec: str, crf: int) -> Any:
 
 @in_color
 def denoised(image: Image, _seed: int, *, strength: float) -> Any:
-    """Denoise by non-local means, as OpenCV does it at its own sizes of blocks and searches."""
+    """Denoise by OpenCV's non-local means with its default sizes of blocks and searches."""
     return opencv().fastNlMeansDenoisingColored(image, None, strength, strength)
 
 
 @in_color
 def bayer(image: Image, seed: int, *, sigma: float) -> Any:
-    """See one color a pixel, red in the first, add noise, and interpolate the others."""
+    """Sample one color per pixel, red in the first, add noise, and interpolate the others."""
     mosaic = image[..., 1].astype(np.float64)
     mosaic[::2, ::2], mosaic[1::2, 1::2] = image[::2, ::2, 0], image[1::2, 1::2, 2]
     mosaic += np.random.default_rng(seed).normal(0, sigma, mosaic.shape)
@@ -88,20 +88,20 @@ def chroma_noise(image: Image, seed: int, *, sigma: float) -> Any:
 
 @in_color
 def band(image: Image, _seed: int, *, shares: tuple[float, float, float]) -> Any:
-    """See in gray: a sum of these shares of red, green and blue."""
+    """Convert to gray: sum these shares of red, green and blue."""
     gray = image @ np.array(shares)
     return np.dstack([np.clip(gray, 0, 255)] * 3)
 
 
 @in_color
 def small(image: Image, _seed: int, *, part: int) -> Any:
-    """Lower the resolution by a factor: areas are averaged, then enlarged by cubics."""
+    """Lower the resolution by a factor: average areas, then enlarge with cubics."""
     rows, cols = image.shape[:2]
     lower = opencv().resize(image, (cols // part, rows // part), interpolation=opencv().INTER_AREA)
     return opencv().resize(lower, (cols, rows), interpolation=opencv().INTER_CUBIC)
 
 
 def pale(image: Image, _seed: int, *, share: float, middle: float | None = 127.5) -> Image:
-    """Leave this share of the contrast around a gray level; None: each channel's mean."""
+    """Keep this share of the contrast around a gray level; None: each channel's mean."""
     around = image.mean(axis=(0, 1)) if middle is None else middle
     return quantize(around + share * (image.astype(np.float64) - around), np.uint8)

@@ -1,8 +1,9 @@
-"""Seventeen of the twenty corruptions that RobustSpring names (arXiv 2505.09368), on stereo pairs.
+"""Applies seventeen of RobustSpring's twenty corruptions (arXiv 2505.09368) to stereo pairs.
 
-RobustSpring follows ImageNet-C (Hendrycks and Dietterich, ICLR 2019); so do the formulas here, with
-the numbers of its first severity of five, for images from 0 to 1. Either image has its own noise;
-all else is the same in both. Frost needs photographs, rain and snow what falls in space: left out.
+RobustSpring follows ImageNet-C (Hendrycks and Dietterich, ICLR 2019). The formulas here do, too,
+with the numbers of its first severity of five, for images from 0 to 1. Each image has its own
+noise; all else is the same in both. Frost, rain and snow are left out: frost needs photographs, and
+rain and snow need drops and flakes in space.
 """
 
 from __future__ import annotations
@@ -29,24 +30,24 @@ ANGLE = 30.0  # degrees, of a motion
 
 
 def multiplied(image: Image, seed: int, *, sigma: float) -> Image:
-    """Multiply with 1 plus noise: speckle."""
+    """Multiply by 1 plus noise: speckle."""
     grain = np.random.default_rng(seed).normal(1, sigma, image.shape)
     return quantize(grain * image.astype(np.float64), np.uint8)
 
 
 def impulses(image: Image, seed: int, *, share: float) -> Image:
-    """Let this share of all values be black or white."""
+    """Turn this share of all values black or white."""
     drawn = np.random.default_rng(seed).random(image.shape)
     return np.where(drawn < share, np.uint8(255) * (drawn < share / 2), image).astype(np.uint8)
 
 
 def through(image: Image, _seed: int, *, psf: Plane) -> Image:
-    """Convolve."""
+    """Convolve the image with a kernel."""
     return quantize(convolve(image, psf), np.uint8)
 
 
 def glass(image: Image, seed: int, *, sigma: float, reach: int, rounds: int) -> Image:
-    """Blur, exchange every pixel for one near by, some times, and blur again."""
+    """Blur, swap every pixel with one nearby several times, and blur again."""
     rng = np.random.default_rng(seed)
     shuffled = through(image, seed, psf=gaussian_psf(sigma))
     at = np.indices(image.shape[:2])
@@ -59,7 +60,7 @@ def glass(image: Image, seed: int, *, sigma: float, reach: int, rounds: int) -> 
 
 
 def trail_psf(radius: int, sigma: float) -> Plane:
-    """Point-spread function of a motion that fades: half of a Gaussian along a line."""
+    """Return the point-spread function of a motion that fades: half of a Gaussian along a line."""
     psf = np.zeros((2 * radius + 1, 2 * radius + 1))
     along = np.linspace(0, radius, 16 * radius + 1)
     y, x = (np.rint(along * f(np.deg2rad(ANGLE))).astype(int) for f in (np.sin, np.cos))
@@ -85,7 +86,7 @@ def colored(image: Image, _seed: int, *, saturation: float = 1.0, brighter: floa
 
 
 def pixelated(image: Image, _seed: int, *, share: float) -> Image:
-    """Have fewer pixels, each the mean of an area, and show them as squares."""
+    """Reduce to fewer pixels, each the mean of an area, and show them as squares."""
     rows, cols = image.shape[:2]
     few, cv2 = (int(cols * share), int(rows * share)), opencv()
     areas = cv2.resize(image, few, interpolation=cv2.INTER_AREA)
@@ -94,7 +95,7 @@ def pixelated(image: Image, _seed: int, *, share: float) -> Image:
 
 @in_color
 def spattered(image: Image, seed: int) -> Any:
-    """Have water on the lens: a rare level of smooth noise, lit along its rim."""
+    """Put water on the lens: a rare level of smooth noise, lit along its rim."""
     cv2 = opencv()
     drops = np.random.default_rng(seed).normal(0.65, 0.3, image.shape[:2])
     drops = ndimage.gaussian_filter(drops, 4, mode="nearest")
@@ -117,7 +118,7 @@ def waves(rows: int, cols: int) -> tuple[Plane, Plane]:
 
 
 def fog(pair: Pair, _side: str) -> Pair:
-    """Let the light of what is far away fade into fog; without a truth all is equally far."""
+    """Fade far things into fog; without a truth everything is equally far."""
     near = np.ones(pair.left.shape[:2]) if pair.truth is None else filled(pair.truth)
     seen = near if pair.truth is None else filled(seen_from_right(pair.truth))
     farthest = max(float(np.percentile(near, 2)), 1.0)

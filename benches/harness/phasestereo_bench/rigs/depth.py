@@ -1,4 +1,4 @@
-"""Defocus that grows with depth: a lens is in focus at one distance, and the scene has many."""
+"""Models defocus that grows with depth: a lens focuses at one distance, and the scene has many."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ class DepthOfField:
     Parameters
     ----------
     radius
-        Of the disk at the other end of the scene than the one in focus, px.
+        Radius of the disk at the end of the scene opposite to the end in focus, px.
     opposite
-        The worse image is in focus far away; the other one is in focus near by if this is true,
+        The worse image is in focus far away; the other image is in focus nearby if this is true,
         else everywhere.
     """
 
@@ -39,7 +39,7 @@ class DepthOfField:
     opposite: bool = False
 
     def __call__(self, pair: Pair, side: str) -> Pair:
-        """Return the pair of these lenses.
+        """Return the pair as these lenses show it.
 
         Raises
         ------
@@ -65,12 +65,12 @@ class DepthOfField:
 
 @dataclass(frozen=True, slots=True)
 class Raised:
-    """A step that raises the right camera: its rows are off by this share of the disparity."""
+    """A step that raises the right camera: rows are off by this share of the disparity."""
 
     share: float
 
     def __call__(self, pair: Pair, side: str) -> Pair:
-        """Return the pair of this rig; of a raised left camera all goes the other way."""
+        """Return the pair of this rig; for a raised left camera, all goes the other way."""
         if pair.truth is None:
             raise ValueError("raised camera: the pair has no truth")
         y, x = np.mgrid[: pair.right.shape[0], : pair.right.shape[1]].astype(np.float64)
@@ -80,16 +80,16 @@ class Raised:
 
 @dataclass(frozen=True, slots=True)
 class Redrawn:
-    """A step that draws the right image anew, out of the left one, by disparities of this span.
+    """A step that draws a new right image from the left one, with disparities of this span.
 
-    `first` is the least disparity of what the rig delivers, as `Pair` has it.
+    `first` is the least disparity of the delivered pair, as in `Pair`.
     """
 
     span: int
     first: int = 0
 
     def __call__(self, pair: Pair, _side: str) -> Pair:
-        """Return the pair of cameras that are closer together, and turned towards each other."""
+        """Return the pair of cameras that are closer together and turned toward each other."""
         if pair.truth is None:
             raise ValueError("range: the pair has no truth")
         low, high = float(np.nanmin(pair.truth)), float(np.nanmax(pair.truth))
@@ -119,7 +119,7 @@ class Pasted:
     ahead: int
 
     def __call__(self, pair: Pair, _side: str) -> Pair:
-        """Return the pair with things that are `ahead` px of disparity nearer than all else."""
+        """Return the pair with things that are nearer than all else by `ahead` px of disparity."""
         if pair.truth is None:
             raise ValueError("near things: the pair has no truth")
         rng = np.random.default_rng(SEEDS["left"])
@@ -167,20 +167,20 @@ def filled(disparity: NDArray[np.floating]) -> Plane:
     left = _taken(disparity, before, before >= 0)
     right = _taken(disparity, after, after < cols.size)
 
-    # Gaps are mostly occlusions, which show what is farther away.
+    # Gaps are mostly occlusions, which show the farther surface.
     nearest = np.fmin(left, right)
     return np.where(np.isfinite(nearest), nearest, np.nanmedian(disparity)).astype(np.float64)
 
 
 def seen_from_right(disparity: NDArray[np.floating]) -> Plane:
-    """Return the map of the right view: of what falls on a column the nearest, else NaN."""
+    """Return the map of the right view: the nearest value that falls on a column, else NaN."""
     seen = np.full(disparity.shape, -np.inf)
     y, x = np.nonzero(np.isfinite(disparity))
     values = disparity[y, x].astype(np.float64)
     column = np.rint(x - values).astype(int)
     inside = column >= 0
 
-    # What is nearer hides what is behind it.
+    # Nearer things hide farther ones.
     np.maximum.at(seen, (y[inside], column[inside]), values[inside])
     return np.where(np.isfinite(seen), seen, np.nan)
 
@@ -188,7 +188,7 @@ def seen_from_right(disparity: NDArray[np.floating]) -> Plane:
 def _layered(image: Image, disparity: Plane, focus: float, radii: float) -> Plane:
     """Return the image as layers, each blurred by its own disk, from the farthest to the nearest.
 
-    `radii` is how many px a disk's radius grows by with a px of disparity off `focus`.
+    A disk's radius grows by `radii` px with each px of disparity off `focus`.
     """
     edges = np.linspace(disparity.min(), disparity.max() + 1e-6, _LAYERS + 1)
     colors = np.atleast_3d(image).astype(np.float64)
@@ -199,7 +199,7 @@ def _layered(image: Image, disparity: Plane, focus: float, radii: float) -> Plan
         shown = colors * layer[:, :, np.newaxis]
         radius = radii * abs((low + high) / 2 - focus)
 
-        # Colors and cover are blurred alike, so that a layer's rim lets through what is behind it.
+        # Colors and cover are blurred alike, so a layer's rim lets the layers behind it through.
         if radius >= _SHARP:
             psf = disk_psf(radius)
             layer, shown = convolve(layer, psf), convolve(shown, psf)

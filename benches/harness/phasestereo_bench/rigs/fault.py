@@ -1,7 +1,7 @@
-"""Faults of rigs: changes to a whole pair, and combinations of simple ones.
+"""Defines the faults of rigs: changes to a whole pair, and combinations of simple changes.
 
-A step takes a pair and the side that is the worse one, and returns the pair as that rig would have
-delivered it. Either image has a seed of its own, so that the two never have the same noise.
+A step takes a pair and its worse side, and returns the pair as that rig would deliver it. Each
+image has its own seed, so the two never have the same noise.
 """
 
 from __future__ import annotations
@@ -14,17 +14,17 @@ from phasestereo_bench.arrays import Image
 from phasestereo_bench.datasets import Pair, Scene
 
 Spoiler: TypeAlias = Callable[["Image", int], "Image"]
-"""What spoils one image: called with it and a seed, it returns one of the same shape and type."""
+"""A function that spoils one image: it takes the image and a seed, and keeps shape and type."""
 
 Step: TypeAlias = Callable[["Pair", str], "Pair"]
-"""What spoils a pair: called with it and the worse side, "left" or "right"."""
+"""A function that spoils a pair: it takes the pair and the worse side, "left" or "right"."""
 
 ALTERNATING = "alternating"
-"""In place of a side: the left image is the worse one of every other scene, else the right one."""
+"""A value in place of a side: the left image is worse in every other scene, else the right one."""
 
 SEEDS = {"left": 1, "right": 2}
 
-# In the order of the page that defines the suite; the first is spoiled on the left.
+# The page that defines the suite has this order; the first scene is spoiled on the left.
 _ORDER = (
     "scenes2001/tsukuba",
     "scenes2001/venus",
@@ -43,19 +43,19 @@ _ORDER = (
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """One way in which a rig is not perfect, to be called with a pair and the worse side.
+    """One imperfection of a rig, a callable that takes a pair and the worse side.
 
-    Calling it returns a new pair: images of the same shape and type, and, where the right image
-    has been moved, its disparities, its masks, and the number of disparities to search.
+    A call returns a new pair: images of the same shape and type, and, if the right image has moved,
+    new disparities, masks, and number of disparities to search.
 
     Parameters
     ----------
     name
-        What tables call it.
+        Name of the fault in tables.
     group
-        The table that it is in, one of its suite.
+        The table of the suite that has the fault.
     steps
-        What is done, in this order.
+        Steps to apply, in this order.
     """
 
     name: str
@@ -80,7 +80,7 @@ class Fault:
 
 @dataclass(frozen=True, slots=True)
 class One:
-    """A step that spoils the worse image alone."""
+    """A step that spoils only the worse image."""
 
     spoiler: Spoiler
 
@@ -91,14 +91,14 @@ class One:
 
 @dataclass(frozen=True, slots=True)
 class Both:
-    """A step that spoils both images: the worse one, and the other one in the same or another way.
+    """A step that spoils both images: the other one in the same or in another way.
 
     Parameters
     ----------
     spoiler
-        Of the worse image.
+        Spoiler of the worse image.
     other
-        Of the other one; None: the same.
+        Spoiler of the other image; None: the same.
     """
 
     spoiler: Spoiler
@@ -112,9 +112,9 @@ class Both:
 
 
 def side_of(scene: Scene) -> str:
-    """Return the worse image of a scene where sides alternate.
+    """Return the worse image of a scene if sides alternate.
 
-    Left and right by turns in the order of the suite's scenes; left of any other scene.
+    Left and right take turns in the order of the suite's scenes; any other scene has left.
     """
     name = str(scene)
     return "right" if name in _ORDER and _ORDER.index(name) % 2 else "left"

@@ -1,8 +1,7 @@
-"""Rigs whose rows do not correspond: the right camera lower, turned, of another focal length.
+"""Moves pairs off their rows: the right camera is lower, turned, of another focal length.
 
-The right image is always the one that is resampled, and its truth moved along: disparities belong
-to the pixels of the left image, so they stay exact. Where the left camera is the one that is off,
-the right image moves the other way.
+Steps always resample the right image, and move its truth along. Disparities belong to the pixels of
+the left image, so they stay exact. If the left camera is off, the right image moves the other way.
 """
 
 from __future__ import annotations
@@ -19,17 +18,17 @@ from phasestereo_bench.arrays import Plane
 from phasestereo_bench.datasets import Pair
 from phasestereo_bench.degradation import quantize
 
-_WAVES = 1.5  # of a rolling shutter that shakes, over the height of the image
-_ROUNDS = 16  # of the fixed point; each leaves at most 6 % of what the one before left
+_WAVES = 1.5  # waves of a rolling shutter that shakes, over the height of the image
+_ROUNDS = 16  # rounds of the fixed point; each leaves at most 6 % of the error before it
 
 
 @dataclass(frozen=True, slots=True)
 class Misaligned:
-    """A step that moves the right image as a rig does whose right camera is off by this.
+    """A step that moves the right image like a rig whose right camera is off by this.
 
-    What is at (u, v) from the center of the image, (W - 1) / 2 and (H - 1) / 2, goes first outward
-    by ``1 + distortion (u^2 + v^2) / W^2``, then around the center and outward by `turn` and
-    `focal`, then by the keystone, then down, and at last to the left by `margin`.
+    The point at (u, v) from the center of the image, (W - 1) / 2 and (H - 1) / 2, first moves
+    outward by ``1 + distortion (u^2 + v^2) / W^2``, then around the center and outward by `turn`
+    and `focal`, then by the keystone, then down, and at last to the left by `margin`.
 
     Parameters
     ----------
@@ -40,14 +39,14 @@ class Misaligned:
     focal
         The other camera's focal length times 1 + this.
     keystone
-        Rows lower in the lower right corner, px, of a camera that looks sideways.
+        Rows lower in the lower right corner, px, as of a camera that looks sideways.
     distortion
-        Radial, of the third order; the corner of an image of 4:3 is at 0.39 of its unit.
+        Radial distortion of the third order; the corner of a 4:3 image is at 0.39 of its unit.
     wobble
         Amplitude of waves along the rows' order, px: a rolling shutter that shakes.
     margin
-        Px to the left for all: so that no disparity becomes negative where columns move, too. As
-        many columns are lost; twice as many more disparities are to be searched.
+        Px to the left for all, so that no disparity becomes negative if columns move, too. The pair
+        loses this number of columns; the search needs twice this number of extra disparities.
     """
 
     down: float = 0.0
@@ -59,7 +58,7 @@ class Misaligned:
     margin: int = 0
 
     def __call__(self, pair: Pair, side: str) -> Pair:
-        """Return the pair of this rig; of a left camera that is off, all goes the other way."""
+        """Return the pair of this rig; if the left camera is off, all goes the other way."""
         sign = 1.0 if side == "right" else -1.0
         size = pair.right.shape[:2]
         rows, cols = size
@@ -84,7 +83,7 @@ class Misaligned:
     def moved(
         self, x: Plane, y: Plane, size: tuple[int, int], sign: float = 1.0
     ) -> tuple[Plane, Plane]:
-        """Return the new places in the right image of these places; `sign` is 1 or -1."""
+        """Return the new places of these places in the right image; `sign` is 1 or -1."""
         rows, cols = size
         middle_x, middle_y = (cols - 1) / 2, (rows - 1) / 2
         u, v = x - middle_x, y - middle_y
@@ -123,17 +122,17 @@ class Bent:
     Parameters
     ----------
     off
-        Called with rows and columns, it returns the offsets of a bent image's pixels from what it
-        shows, px along x and y.
+        A function from rows and columns to the offsets of a bent image's pixels from their source
+        pixels, px along x and y.
     margin
-        As of `Misaligned`.
+        As in `Misaligned`.
     """
 
     off: Callable[[int, int], tuple[Plane, Plane]]
     margin: int = 8
 
     def __call__(self, pair: Pair, _side: str) -> Pair:
-        """Return the pair of two such lenses; the truth is that of the nearest pixel."""
+        """Return the pair of two such lenses; the truth comes from the nearest pixel."""
         rows, cols = pair.left.shape[:2]
         y, x = np.mgrid[0:rows, 0:cols].astype(np.float64)
         off_x, off_y = self.off(rows, cols)
@@ -170,7 +169,7 @@ class Bent:
 
 
 def barrel(rows: int, cols: int, *, bend: float) -> tuple[Plane, Plane]:
-    """Return the offsets by a lens of this radial distortion, as of `Misaligned`, px."""
+    """Return the offsets by a lens with this radial distortion, as in `Misaligned`, px."""
     y, x = np.mgrid[0:rows, 0:cols].astype(np.float64)
     from_x, from_y = Misaligned(distortion=bend).came_from(x, y)
     return from_x - x, from_y - y

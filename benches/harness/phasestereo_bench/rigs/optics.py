@@ -1,7 +1,7 @@
-"""Effects of lenses, and of matter on or before them: blur, dirt, rain, haze, vignetting.
+"""Applies effects of lenses, and of matter on or before them: blur, dirt, rain, haze, vignetting.
 
-Functions are as those of `sensor`. Coordinates are pixels, x to the right and y down, the first
-pixel's center being (0, 0).
+Functions work like those of `sensor`. Coordinates are pixels, x to the right and y down, and the
+center of the first pixel is (0, 0).
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from phasestereo_bench.rigs.sensor import noise
 BLURRED_NOISE = 1.0  # gray levels of noise after a blur, as in the suite "one-sided-blur"
 DROP_BLUR = 7.0  # px: radius of the disk through which a drop of rain shows the scene
 DIRT, HAZE = 40.0, 235.0  # gray levels
-VIGNETTE = 0.7  # share of the light that is lost in the corners
+VIGNETTE = 0.7  # share of the light lost in the corners
 
 
 def blurred(image: Image, seed: int, *, psf: Plane) -> Image:
@@ -27,7 +27,7 @@ def blurred(image: Image, seed: int, *, psf: Plane) -> Image:
 
 
 def vignette(image: Image, _seed: int) -> Image:
-    """Darken towards the corners: by 1 - 0.7 r^2, r being 1 there and 0 in the middle."""
+    """Darken toward the corners: multiply by 1 - 0.7 r^2, with r = 1 there and 0 in the middle."""
     rows, cols = image.shape[:2]
     y, x = np.mgrid[0:rows, 0:cols]
     square = ((x - cols / 2) ** 2 + (y - rows / 2) ** 2) / ((cols / 2) ** 2 + (rows / 2) ** 2)
@@ -35,20 +35,20 @@ def vignette(image: Image, _seed: int) -> Image:
 
 
 def dirt(image: Image, seed: int) -> Image:
-    """Put 12 dark spots of about 14 px on the lens, each of another gray."""
+    """Put 12 dark spots of about 14 px on the lens, each with another gray."""
     return _spotted(
         image, seed, _drop, lambda rng: DIRT + rng.uniform(-15, 15), count=12, radius=14.0
     )
 
 
 def rain(image: Image, seed: int) -> Image:
-    """Put 40 drops of about 18 px on the lens, each of which shows the scene out of focus."""
+    """Put 40 drops of about 18 px on the lens; each shows the scene out of focus."""
     behind = convolve(image, disk_psf(DROP_BLUR))
     return _spotted(image, seed, _drop, lambda _: behind, count=40, radius=18.0)
 
 
 def haze(image: Image, seed: int) -> Image:
-    """Lay three bright clouds of about 120 px over the image, as of stray light or breath."""
+    """Lay three bright clouds of about 120 px over the image, like stray light or breath."""
     return _spotted(
         image,
         seed,
@@ -72,7 +72,7 @@ def _spotted(
     count: int,
     radius: float,
 ) -> Image:
-    """Cover an image by spots of a color, each by how far away its center is, in its radii."""
+    """Cover an image with spots of a color; `cover` takes the distance to a center in radii."""
     rng = np.random.default_rng(seed)
     spoiled = image.astype(np.float64)
     rows, cols = image.shape[:2]

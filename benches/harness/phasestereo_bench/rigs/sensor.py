@@ -1,8 +1,8 @@
-"""Effects of sensors, wires and codecs: noise, few levels, dead pixels, JPEG.
+"""Applies effects of sensors, wires and codecs: noise, few levels, dead pixels, JPEG.
 
-Every function takes a uint8 image (H, W) or (H, W, C) and a seed for
-``numpy.random.default_rng``, and returns a new image of the same shape and type. Values are worked
-out in double precision, then rounded to the nearest level (ties to even) and clipped.
+Every function takes a uint8 image (H, W) or (H, W, C) and a seed for ``numpy.random.default_rng``,
+and returns a new image of the same shape and type. Functions compute in double precision, then
+round to the nearest level (ties to even) and clip.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from phasestereo_bench.arrays import Image
 from phasestereo_bench.degradation import quantize
 
-READ_NOISE = 2.0  # gray levels: what a sensor adds to any number of photons
+READ_NOISE = 2.0  # gray levels: a sensor adds this noise to any number of photons
 COLUMN_STEP = 40  # px from one dead column to the next; the first is at half of it
 
 
@@ -35,13 +35,13 @@ def photons(image: Image, seed: int, *, white: float, reading: float = READ_NOIS
 
 
 def bits(image: Image, _seed: int, *, count: int) -> Image:
-    """Keep a number of bits of eight; each level becomes the middle of those that share them."""
+    """Keep `count` of eight bits; each level becomes the middle of the levels that share them."""
     step = 2 ** (8 - count)
     return quantize(image // step * step + (step - 1) / 2, np.uint8)
 
 
 def hot(image: Image, seed: int, *, share: float) -> Image:
-    """Let this share of the pixels be black or white in all channels, as often the one as other."""
+    """Turn this share of the pixels black or white in all channels, equally often."""
     rng = np.random.default_rng(seed)
     broken = rng.random(image.shape[:2]) < share
     levels = rng.choice(np.array([0, 255], np.uint8), (np.count_nonzero(broken), 1))
@@ -52,7 +52,7 @@ def hot(image: Image, seed: int, *, share: float) -> Image:
 
 
 def dead_columns(image: Image, seed: int) -> Image:
-    """Let every 40th column be all black or all white."""
+    """Turn every 40th column all black or all white."""
     rng = np.random.default_rng(seed)
     spoiled = image.copy()
     for column in range(COLUMN_STEP // 2, image.shape[1], COLUMN_STEP):
@@ -61,7 +61,7 @@ def dead_columns(image: Image, seed: int) -> Image:
 
 
 def jpeg(image: Image, _seed: int, *, quality: int) -> Image:
-    """Write and read a JPEG file of this quality, as Pillow does it: colors at half resolution."""
+    """Write and read a JPEG file of this quality with Pillow: colors have half the resolution."""
     file = io.BytesIO()
     PIL.Image.fromarray(image).save(file, "JPEG", quality=quality)
     return np.array(PIL.Image.open(file))

@@ -1,4 +1,4 @@
-"""The faults of the suites "rigs" and "rigs-2", and their strengths."""
+"""Lists the faults of the suites "rigs" and "rigs-2", and their strengths."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from phasestereo_bench.rigs.depth import DepthOfField, Pasted, Raised, Redrawn
 from phasestereo_bench.rigs.fault import Both, Fault, One, Step
 from phasestereo_bench.rigs.geometry import Bent, Misaligned, barrel
 
-_SIDEWAYS = 8  # px: more than any of these rigs moves columns by in images of 741 px
+_SIDEWAYS = 8  # px: none of these rigs moves columns by more in images of 741 px
 _ZOOMED = 24
 
 _NOISE_10 = Both(partial(sensor.noise, sigma=10))
@@ -175,10 +175,10 @@ RIGS: Mapping[str, Mapping[str, Fault]] = MappingProxyType(
         for suite, groups in _STEPS.items()
     }
 )
-"""The faults of both suites by name, those of a group, which has a table, next to each other."""
+"""The faults of both suites by name; faults of a group are adjacent and share a table."""
 
 FAULTS = RIGS["rigs"]
-"""Those of the first."""
+"""Faults of the first suite."""
 
 QUICK_SCENES = frozenset(("scenes2001/tsukuba", "scenes2003/cones", "scenes2006/ThirdSize/Aloe"))
-"""Three small scenes, for a look that takes minutes."""
+"""Three small scenes, for a run that takes minutes."""

@@ -1,4 +1,4 @@
-"""Videos with a truth: the accuracy, steadiness and reaction time of a stream's maps."""
+"""Measures the accuracy and steadiness of a stream's maps, and its reaction time, on videos."""
 
 from __future__ import annotations
 
@@ -16,23 +16,24 @@ from phasestereo_bench.report.tables import Entry, Table
 
 __all__ = ["Steadiness", "compared", "steadiness", "steadiness_table"]
 
-_COUNT = 32  # disparities of `render_sequence`
+_COUNT = 32  # disparities to search in `render_sequence`
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Steadiness:
-    """The numbers of one sequence, matched in one way.
+    """The scores of one sequence, matched in one way.
 
     Parameters
     ----------
     bad_1, avgerr
-        More than 1 px off, % of the non-occluded pixels, and mean error in px: means of the frames.
+        % of the non-occluded pixels that are more than 1 px off, and mean error in px: means of the
+        frames.
     deviation
-        `phasestereo.metrics.temporal_deviation` of the pixels whose truth is the same in all
-        frames, px; None if there are none.
+        `phasestereo.metrics.temporal_deviation` of the pixels with the same truth in all frames,
+        px; None without any.
     edges
-        More than 1 px off, % of the non-occluded pixels near the outline of what moves, mean of the
-        frames; None if nothing does.
+        % of the non-occluded pixels near the outline of the moving object that are more than 1 px
+        off, mean of the frames; None if nothing moves.
     """
 
     bad_1: float
@@ -115,7 +116,7 @@ def _arrow(
 def _matched(
     shots: Sequence[Shot], preset: str, *, temporal_filter: bool
 ) -> list[NDArray[np.float32]]:
-    """Return the maps of a stream; blur is estimated in every frame, so that one thing differs."""
+    """Return the maps of a stream; estimate blur in every frame, so only one thing differs."""
     pairs = [(shot.left, shot.right) for shot in shots]
 
     frames = live.stream(
@@ -131,7 +132,7 @@ def _matched(
 
 
 def _refuse(failure: live.Failure) -> None:
-    """Let no frame be left out of the means."""
+    """Raise on a failed frame, so the means leave out no frame."""
     raise failure.error
 
 
