@@ -1,1 +1,1 @@
-"""What the harness adds to the command line: ``phasestereo bench`` and ``phasestereo demo``."""
+"""Adds ``phasestereo bench`` and ``phasestereo demo`` to the command line."""

@@ -1,4 +1,4 @@
-"""``phasestereo bench``: benchmarks, one module a kind of command."""
+"""``phasestereo bench`` runs benchmarks; each kind of command has a module."""
 
 from __future__ import annotations
 

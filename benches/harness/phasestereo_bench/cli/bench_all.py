@@ -1,6 +1,6 @@
-"""``phasestereo bench tables``: every table of the documentation from one folder of data."""
+"""``phasestereo bench tables`` makes every table of the documentation from one folder of data."""
 
-# No `from __future__ import annotations`: the command line is made of these annotations.
+# No `from __future__ import annotations`: these annotations make the command line.
 
 from pathlib import Path
 from typing import Annotated, Any
@@ -36,12 +36,11 @@ def tables(
     quick: Flag = False,
     fresh: Flag = False,
 ) -> None:
-    """Make every table of the documentation: all suites, real rigs, times; in an hour.
+    """Make every table of the documentation (all suites, real rigs, times) in an hour.
 
-    Learned rivals take part as far as they are there: HITNet by its file, MC-CNN if the package
-    mccnn is installed. A run that was interrupted goes on where it stopped when the same command
-    is given again; records of an earlier version of the matcher are kept, too, unless --fresh.
-    For example:
+    Learned rivals take part if they are available: HITNet by its file, MC-CNN if the package mccnn
+    is installed. To continue an interrupted run, give the same command again. The command also
+    keeps records of an earlier version of the matcher, unless you add --fresh. For example:
 
     ```
     phasestereo bench tables DATA -o tables --readme README.md docs/suites.md
@@ -57,22 +56,23 @@ def tables(
     hitnet
         HITNet's ONNX file for ETH3D. Without it, rivals/hitnet_eth3d.onnx below the data.
     readme
-        Markdown files whose tables are replaced where they have markers; others stay as they are.
+        Markdown files to update: tables between markers are replaced, everything else stays.
     export_to
-        File for the numbers, JSON. Without it, results.json in the output.
+        JSON file for the numbers. Without it, results.json in the output folder.
     output
-        Folder for the records; made if need be.
+        Folder for the records; created if needed.
     workers
         Number of processes, each on one thread, where time does not count; default: one
         per processor.
     speed_rounds
-        How often `bench speed` matches each of its pairs; 0 leaves it out.
+        Number of times that `bench speed` matches each of its pairs; 0 skips it.
     only
-        Only these: a suite, choices, synthesis, rendered, surfaces, blur, real, costs or speed.
+        Make only these tables: a suite, choices, synthesis, rendered, surfaces, blur, real, costs
+        or speed.
     quick
-        Only three small scenes, and no table is put into a document.
+        Use only three small scenes, and put no table into a document.
     fresh
-        Begin anew: rename existing files of records.
+        Start over: rename existing files of records.
     """
     with refusals(options=_OPTIONS):
         weights = hitnet or data / HITNET
@@ -104,7 +104,7 @@ def tables(
 
 
 def _fill(documents: tuple[Path, ...], output: Path) -> None:
-    """Replace the tables of documents, of each those that it has a place for."""
+    """Replace the tables in documents; each document gets the tables that it has places for."""
     texts = table_texts(output)
     for document in documents:
         there = marked(document.read_text("utf-8"))

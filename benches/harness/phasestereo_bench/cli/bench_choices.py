@@ -1,6 +1,6 @@
-"""``phasestereo bench choices``: constants of the core, swept -> a table."""
+"""``phasestereo bench choices`` sweeps constants of the core and prints a table."""
 
-# No `from __future__ import annotations`: the command line is made of these annotations.
+# No `from __future__ import annotations`: these annotations make the command line.
 
 from pathlib import Path
 from typing import Annotated
@@ -34,10 +34,10 @@ def choices(
 ) -> None:
     """Sweep constants of the core: build it with other values of each, and score the builds.
 
-    Each variant is compiled, about a minute, and matches the scenes under the degradations. The
-    table has the shares of wrong pixels of the core as it is, and below them what each variant
-    changes. A run that was interrupted goes on where it stopped when the same command is given
-    again. Without ``--constant``, the constants that can be swept are listed. For example:
+    Each variant takes about a minute to compile, and then matches the scenes under the
+    degradations. The table shows the shares of wrong pixels of the unchanged core, and below them
+    the change that each variant makes. To continue an interrupted run, give the same command again.
+    Without ``--constant``, the command lists the constants that you can sweep. For example:
 
     ```
     phasestereo bench choices
@@ -49,19 +49,20 @@ def choices(
     folders
         Official folder trees: folders that hold scenes2001, MiddEval3 and so on.
     constant
-        Which constants, by name; with its file where there are several of a name: scales.rs:MANY.
+        Constants to sweep, by name; with the file if several constants share a name:
+        scales.rs:MANY.
     factor
-        What each is multiplied by; integers are rounded.
+        Factors for each constant; integers are rounded.
     suite
-        Which degradations there are, as for ``phasestereo bench middlebury``.
+        Suite of the degradations, as for ``phasestereo bench middlebury``.
     degradation
-        Only these of the suite.
+        Only these degradations of the suite.
     scene
         Only these scenes.
     method
-        What to match with, one of the methods of ``phasestereo bench middlebury``.
+        Method to match with, one of those of ``phasestereo bench middlebury``.
     source
-        A checkout of phasestereo, with its Rust source.
+        Checkout of phasestereo, with its Rust source.
     output
         Folder for builds and records.
     """

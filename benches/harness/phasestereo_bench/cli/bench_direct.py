@@ -1,6 +1,6 @@
-"""Commands that keep no records: ranges, second opinions and videos -> a table at once."""
+"""These commands keep no records and print a table at once: ranges, second opinions, videos."""
 
-# No `from __future__ import annotations`: the command line is made of these annotations.
+# No `from __future__ import annotations`: these annotations make the command line.
 
 from collections.abc import Callable
 from functools import partial
@@ -38,11 +38,11 @@ def range_(
     held: Flag = False,
     told: Annotated[bool, Parameter(negative=())] = True,
 ) -> None:
-    """Check whether the range is found where none is given.
+    """Check whether a match finds the range when none is given.
 
-    Pairs are made of the scenes, always the same: near objects, poles and squares before far
-    backgrounds, disparities of either sign in images of many widths, the same image twice, and
-    weak texture. Then the scenes are matched without and with their range. For example:
+    The command makes pairs from the scenes, always the same ones: near objects, poles and squares
+    before far backgrounds, disparities of either sign in images of many widths, the same image
+    twice, and weak texture. Then it matches the scenes without and with their range. For example:
 
     ```
     phasestereo bench range ~/middlebury
@@ -54,10 +54,10 @@ def range_(
     folders
         Official folder trees: folders that hold scenes2001, MiddEval3 and so on.
     kind
-        Only these: near, poles, squares, signed, same, parallel, weak.
+        Only these kinds: near, poles, squares, signed, same, parallel, weak.
     held
-        Other pairs than those that the search was developed with: other textures, places, sizes
-        and faults.
+        Use held-out pairs, on which the search was not developed: other textures, places, sizes and
+        faults.
     told
         Match the scenes, too.
     """
@@ -89,13 +89,13 @@ def verify(
     method: Names = ("opencv:sgbm",),
     hitnet: Path | None = None,
 ) -> None:
-    """Judge the maps of other matchers, and say how often that is right.
+    """Judge the maps of other matchers, and show how often the judgment is right.
 
-    Of each map: the share of the visible pixels that are off by more than 1 px, the shares of these
-    and of the right ones that are refuted (beside that, what a confident match that differs by
-    more than 1.5 px would refute), how often the better disparity is right, what is supported, and
-    what is refuted of the right disparities that the other image does not see. Means over the
-    scenes, in %. For example:
+    The table shows for each map the share of the visible pixels that are off by more than 1 px, the
+    shares of these and of the right pixels that are refuted (beside them, the shares that a
+    confident match that differs by more than 1.5 px would refute), how often the better disparity
+    is right, the share that is supported, and the share that is refuted of the right disparities
+    that the other image does not see. All are means over the scenes, in %. For example:
 
     ```
     phasestereo bench verify ~/middlebury --hitnet hitnet_eth3d.onnx
@@ -107,12 +107,12 @@ def verify(
         Official folder trees: folders that hold scenes2001, MiddEval3 and so on, or one of these,
         or one scene in it.
     condition
-        What is done to the pairs: sharp, "disk 6", "gauss 2", "motion 9", "noise 20", "jpeg 70",
-        "both disk 3", "rows 1"; all of them without it.
+        Condition of the pairs: sharp, "disk 6", "gauss 2", "motion 9", "noise 20", "jpeg 70", "both
+        disk 3", "rows 1". Without it, all of them.
     method
-        Whose maps: any that ``phasestereo bench middlebury`` takes.
+        Methods whose maps to judge: any that ``phasestereo bench middlebury`` takes.
     hitnet
-        HITNet's ONNX file for ETH3D: the network takes part, too, if onnxruntime is installed.
+        HITNet's ONNX file for ETH3D; the network also takes part if onnxruntime is installed.
     """
     with refusals(options={"scene", "condition", "method", "hitnet"}):
         require_known("condition", condition, CONDITIONS)
@@ -132,9 +132,9 @@ def video(
 ) -> None:
     """Score streams on rendered videos, without and with the temporal filter.
 
-    Three sequences of 12 frames with fresh noise in each: a scene that stands still, a camera that
-    moves, an object that moves before a scene that stands still. Every number is given without the
-    filter and with it. It takes half a minute:
+    There are three sequences of 12 frames, each frame with fresh noise: a static scene, a moving
+    camera, and an object that moves before a static scene. The table gives every number without the
+    filter and with it. The command takes half a minute:
 
     ```
     phasestereo bench video
@@ -143,11 +143,11 @@ def video(
     Parameters
     ----------
     preset
-        Settings to match with, some of the presets; fast and robust without it.
+        Presets to match with. Without it, fast and robust.
     noise
         Standard deviation of the noise, gray levels.
     seed
-        Of the scene and the noise.
+        Seed of the scene and the noise.
     """
     with refusals(options={"preset", "noise", "seed"}):
         require_known("preset", preset, PRESETS)

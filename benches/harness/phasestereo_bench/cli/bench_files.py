@@ -1,6 +1,6 @@
-"""Commands that write files for others: the sites, a page that compares, that of the paper."""
+"""These commands write files: for sites, for a page of comparisons, for the paper's page."""
 
-# No `from __future__ import annotations`: the command line is made of these annotations.
+# No `from __future__ import annotations`: these annotations make the command line.
 
 from pathlib import Path
 from typing import Annotated
@@ -29,7 +29,8 @@ def submit(
 ) -> None:
     """Write the zip files that the sites of Middlebury, ETH3D and KITTI take.
 
-    Scenes need no truth. Each is matched once, on one thread, one after the other. For example:
+    Scenes need no truth. The command matches each scene once, on one thread, one after the other.
+    For example:
 
     ```
     phasestereo bench submit ~/MiddEval3 --scene "trainingH/*" "testH/*"
@@ -41,11 +42,11 @@ def submit(
     folders
         Folders that hold MiddEval3, two_view_training, two_view_test, kitti2012 or kitti2015.
     method
-        What matches, as of `bench middlebury`.
+        Method to match with, as in `bench middlebury`.
     name
-        What the site calls it: letters, digits, - and _.
+        Name of the method on the site: letters, digits, - and _.
     output
-        Folder for the files, and for a zip of those of each site and size.
+        Folder for the files, and for one zip per site and size.
     """
     with refusals(options={"scene", "method", "name"}):
         scenes = choice.select(folders, "sharp", silent=True)
@@ -63,7 +64,7 @@ def compare(
     output: Output = Path("compare"),
     readme: Path | None = None,
 ) -> None:
-    """Compare ours with others: errors against time, by fault, by kind of pixel.
+    """Compare our presets with other methods: errors against time, by fault, by kind of pixel.
 
     For example:
 
@@ -76,10 +77,10 @@ def compare(
     numbers
         The file results.json that bench tables writes.
     output
-        Folder for the pictures, SVG.
+        Folder for the SVG pictures.
     readme
-        Markdown file whose table between the comments ``<!-- bench:compare -->`` and
-        ``<!-- /bench:compare -->`` is to be replaced.
+        Markdown file to update: the table between the comments ``<!-- bench:compare -->`` and
+        ``<!-- /bench:compare -->`` is replaced.
     """
     with refusals():
         found = read_numbers(numbers)
@@ -101,13 +102,12 @@ def paper(
     workers: int | None = None,
     quick: Flag = False,
 ) -> None:
-    """Run the experiments of the paper, and put its claims beside what comes out.
+    """Run the experiments of the paper, and compare its claims with the results.
 
-    Matches Cones and Tsukuba, the left image being blurred by a growing motion, Gaussian, or
-    mixture of degradations, by phase codes, SAD and normalized SAD. Writes the numbers, Figures 2
-    and 3, and a page of tables with a verdict on every claim (paper.md). Takes a minute or two; a
-    run that was interrupted goes on where it stopped when the same command is given again. For
-    example:
+    The command matches Cones and Tsukuba by phase codes, SAD and normalized SAD, with the left
+    image blurred by a growing motion, Gaussian, or mixture of degradations. It writes the numbers,
+    Figures 2 and 3, and a page of tables with a verdict on every claim (paper.md). It takes a
+    minute or two. To continue an interrupted run, give the same command again. For example:
 
     ```
     phasestereo bench paper ~/middlebury -o paper
@@ -118,12 +118,12 @@ def paper(
     folder
         Middlebury's folder tree, with scenes2003/cones and scenes2001/tsukuba.
     output
-        Folder for everything; made if need be. Files of an earlier run in it are replaced.
+        Folder for all files; created if needed. Files of an earlier run in it are replaced.
     workers
         Number of processes, each on one thread; without it, one per processor. 0
         runs everything in one process.
     quick
-        Few levels of blur and few settings: to see it work, not to judge the paper.
+        Use few levels of blur and few settings, to see it work, not to judge the paper.
     """
     with refusals(options={"workers"}):
         pairs = load_pairs(folder)

@@ -1,6 +1,6 @@
-"""``phasestereo bench middlebury`` and ``report``: records of cells -> tables, and a plot."""
+"""``phasestereo bench middlebury`` records cells; ``report`` prints tables and draws a plot."""
 
-# No `from __future__ import annotations`: the command line is made of these annotations.
+# No `from __future__ import annotations`: these annotations make the command line.
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -42,12 +42,12 @@ def middlebury(
     output: RecordsFile = Path("results.jsonl"),
     running: Annotated[RunOptions, Parameter(name="*", group=RUN)] = AS_USUAL,
 ) -> None:
-    """Score matchers on Middlebury pairs of which one image is degraded.
+    """Score matchers on Middlebury pairs with one degraded image.
 
-    Every combination of method, scene and degradation is a cell, which becomes a record in a file
-    of JSON lines as soon as it is done. A run that was interrupted goes on where it stopped when
-    the same command is given again. Half and full size of MiddEval3 (trainingH, trainingF) have
-    tables of their own. For example:
+    Every combination of method, scene and degradation is a cell. Each cell becomes a record in a
+    file of JSON lines as soon as it is done. To continue an interrupted run, give the same command
+    again. Half and full size of MiddEval3 (trainingH, trainingF) have their own tables. For
+    example:
 
     ```
     phasestereo bench middlebury ~/middlebury
@@ -61,22 +61,23 @@ def middlebury(
         Official folder trees: folders that hold scenes2001, MiddEval3 and so on, or one of these,
         or one scene in it.
     quick
-        Only tsukuba, cones and Aloe, unless --scene names others: minutes, and figures of three.
+        Use only tsukuba, cones and Aloe, unless --scene names others: takes minutes, and the
+        figures cover three scenes.
     degradation
-        Only these of the suite, such as "gauss 2".
+        Only these degradations of the suite, such as "gauss 2".
     side
-        Which image is degraded: left, right, or both one after the other; alternating is the left
-        one of every other scene. Without it, alternating for rigs and rigs-2, else left.
+        Image to degrade: left, right, or both one after the other; alternating is the left one of
+        every other scene. Without it, alternating for rigs and rigs-2, else left.
     method
-        What to compare: a preset or baseline (robust, paper, fast, sad, nsad), other settings of it
-        (paper:neighborhood=11,window=9; robust:num_disparities=auto gets no range), opencv:bm,
+        Methods to compare: a preset or baseline (robust, paper, fast, sad, nsad), other settings of
+        it (paper:neighborhood=11,window=9; robust:num_disparities=auto gets no range), opencv:bm,
         opencv:sgbm, opencv:sgbm-5way, opencv:sgbm-3way, opencv:sgbm-3x3, mccnn, onnx:FILE.onnx,
-        "program:COMMAND {left} {right} {num_disparities} {output}", or
-        package.module:function; with prepared: before it, as prepared:sgbm, on the pair as
-        `prepare` makes it; with fused: as the second matcher of `match`; with +true-blur after it,
-        the sharp image is first blurred like the other one. Without it, what the suite is for.
+        "program:COMMAND {left} {right} {num_disparities} {output}", or package.module:function;
+        with prepared: before it, as prepared:sgbm, on the pair as `prepare` makes it; with fused:
+        as the second matcher of `match`; with +true-blur after it, the sharp image is first blurred
+        like the other one. Without it, the default methods of the suite.
     hitnet
-        HITNet's ONNX file for ETH3D: the network takes part, too, if onnxruntime is installed.
+        HITNet's ONNX file for ETH3D; the network also takes part if onnxruntime is installed.
     output
         File for the records.
     """
@@ -107,7 +108,7 @@ def middlebury(
 
 
 def rivals(hitnet: Path | None, others: Sequence[str] = ()) -> list[str]:
-    """Return HITNet, if its file is given, and others; say in a sentence what cannot run here."""
+    """Return HITNet, if its file is given, and others; print which of them cannot run here."""
     specs = [f"hitnet:{hitnet.resolve()}"] if hitnet is not None else []
     there, missing = present([*specs, *others])
     for sentence in missing:
@@ -123,10 +124,10 @@ def report(
     suite: str | None = None,
     side: str | None = None,
 ) -> None:
-    """Report on what ``bench middlebury`` left behind: tables, and a plot.
+    """Report on the records of ``bench middlebury``: tables, and a plot.
 
-    Prints the means over the scenes. Other benchmarks print their tables again when their command
-    is given again. For example:
+    The command prints the means over the scenes. For other benchmarks, give their command again to
+    print their tables again. For example:
 
     ```
     phasestereo bench report results.jsonl -o means.svg
@@ -136,18 +137,18 @@ def report(
     Parameters
     ----------
     results
-        Files of records. Of several records of one cell the last counts.
+        Files of records. If a cell has several records, the last one counts.
     output
         File for a plot of the means, .svg or .png.
     metric
-        Which number: v2.nonocc, v2.all, v2.disc, v3.bad_0_5, v3.bad_1, v3.bad_2, v3.bad_4,
+        Number to show: v2.nonocc, v2.all, v2.disc, v3.bad_0_5, v3.bad_1, v3.bad_2, v3.bad_4,
         v3.invalid, v3.avgerr, v3.rms, v3.a50, v3.a90, v3.a95, v3.a99, d1, epe or roc.
     method
         Only these methods, in this order, each as a table names it.
     suite
-        Only this suite; needed where there are results of several.
+        Only this suite; needed if there are results of several.
     side
-        Only cells with this image degraded, left or right; needed where there are both.
+        Only cells with this image degraded, left or right; needed if there are both.
     """
     with refusals(options={"metric", "method", "suite", "side", "output"}):
         if not results:
@@ -167,7 +168,7 @@ def report(
 
 
 def show_results(results: Results, metric: str, further: Sequence[str]) -> None:
-    """Print tables, what they are and were made with, what failed, and further lines."""
+    """Print tables, their explanation, the environments, the failures, and further lines."""
     failed = [f"{c.place}, {c.degradation}, {c.method} failed: {c.error}" for c in results.failures]
     show(
         {

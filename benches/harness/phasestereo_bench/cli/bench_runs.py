@@ -1,6 +1,6 @@
-"""Shared parts of benchmark commands: earlier records, progress, Ctrl-C, and tables."""
+"""Holds the shared parts of benchmark commands: earlier records, progress, Ctrl-C, and tables."""
 
-# No `from __future__ import annotations`: the command line is made of these annotations.
+# No `from __future__ import annotations`: these annotations make the command line.
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ from phasestereo_bench.store import read_store
 
 
 def _prepare(output: Path, jobs: Sequence[Job], *, cells: str, fresh: bool) -> None:
-    """Put an earlier file of records aside, or say what is kept of it; `cells` is their name."""
+    """Rename an earlier file of records, or print what is kept of it; `cells` names its records."""
     if not output.exists():
         return
 
@@ -56,7 +56,7 @@ def require_done(records: Sequence[Mapping[str, Any]], cells: str, *names: str) 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunOptions:
-    """How the cells of a benchmark run.
+    """Options for the run of a benchmark's cells.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ class RunOptions:
         Number of processes, each on one thread; without it, one per processor. 0
         runs everything in one process.
     fresh
-        Begin anew: rename an existing file of records, and run everything.
+        Start over: rename an existing file of records, and run everything.
     """
 
     workers: Annotated[int | None, Parameter(validator=validators.Number(gte=0))] = None
@@ -73,16 +73,16 @@ class RunOptions:
     def run(
         self, jobs: Sequence[Job], output: Path, *, cells: str, title: str = "Matching"
     ) -> list[dict[str, Any]]:
-        """Run jobs under a progress bar; say what is there, and when interrupted how to go on.
+        """Run jobs under a progress bar; print which records exist, and on Ctrl-C how to continue.
 
         Parameters
         ----------
         jobs, output
             As for `phasestereo_bench.run_jobs`.
         cells
-            What the jobs are called.
+            Noun for the jobs in messages.
         title
-            That of the progress bar.
+            Title of the progress bar.
         """
         _prepare(output, jobs, cells=cells, fresh=self.fresh)
         try:
@@ -95,7 +95,7 @@ class RunOptions:
 
 
 AS_USUAL = RunOptions()
-"""One process per processor, going on where the last run stopped."""
+"""Run one process per processor, and continue where the last run stopped."""
 
 
 Records = list[dict[str, Any]]
@@ -108,17 +108,17 @@ class Suite:
     Attributes
     ----------
     jobs
-        What to run.
+        Jobs to run.
     cells
-        What the jobs are called.
+        Noun for the jobs in messages.
     names
         The fields of a record that name its case.
     tables
-        From the records of the jobs that ended well to tables by their titles.
+        A function from the records of successful jobs to tables by their titles.
     words
-        From these records to the lines below the tables.
+        A function from these records to the lines below the tables.
     title
-        That of the progress bar.
+        Title of the progress bar.
     """
 
     jobs: Sequence[Job]
@@ -129,7 +129,7 @@ class Suite:
     title: str = "Matching"
 
     def run(self, output: Path, running: RunOptions) -> None:
-        """Run the jobs, or those that are left, and print the tables.
+        """Run the jobs that are not done yet, and print the tables.
 
         Raises
         ------

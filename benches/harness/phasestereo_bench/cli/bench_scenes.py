@@ -1,6 +1,6 @@
-"""The scenes that ``phasestereo bench middlebury`` scores."""
+"""Selects the scenes that ``phasestereo bench middlebury`` scores."""
 
-# No `from __future__ import annotations`: the command line is made of these annotations.
+# No `from __future__ import annotations`: these annotations make the command line.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,25 +18,25 @@ _LISTED = 5  # names of scenes in a line
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SceneChoice:
-    """Which scenes of those there are.
+    """A choice of scenes.
 
     Parameters
     ----------
     scene
-        Only these, by name: cones, trainingH/Piano, "scenes2005/*". Without it, those of the
-        suite; without any of these, all that have a truth.
+        Only these scenes, by name: cones, trainingH/Piano, "scenes2005/*". Without it, the scenes
+        of the suite; if none of those is there, all scenes with a truth.
     """
 
     scene: Names = ()
 
     def select(self, folders: Sequence[Path], suite: str, *, silent: bool = False) -> list[Scene]:
-        """Return the scenes of these folders, and say which are left out unless ``silent``.
+        """Return the scenes of these folders, and print those left out unless ``silent``.
 
         Raises
         ------
         OSError, ValueError
-            As `phasestereo_bench.datasets.find_scenes`; ValueError also if a scene is not there, or
-            none can be scored.
+            As `phasestereo_bench.datasets.find_scenes`; ValueError also if a scene is missing, or
+            no scene can be scored.
         """
         if not folders:
             raise ValueError("no folder given: where are the scenes?")
@@ -65,7 +65,7 @@ def _named(name: str, scenes: Sequence[Scene]) -> list[Scene]:
 
 
 def _scored(scenes: Sequence[Scene], suite: str) -> tuple[list[Scene], str]:
-    """Return those of the suite, or else all with a truth, and what to say of those left out."""
+    """Return scenes of the suite, or else all with a truth, and a sentence on those left out."""
     known = [scene for scene in scenes if has_truth(scene)]
     if not known:
         raise ValueError(f"nothing to score, no truth is known: {_listed(scenes)}")

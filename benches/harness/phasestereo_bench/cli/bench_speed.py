@@ -1,6 +1,6 @@
-"""``phasestereo bench speed``: ours and OpenCV's matchers, timed in turn -> records and tables."""
+"""``phasestereo bench speed`` times our matchers and OpenCV's in turn; makes records, tables."""
 
-# No `from __future__ import annotations`: the command line is made of these annotations.
+# No `from __future__ import annotations`: these annotations make the command line.
 
 from pathlib import Path
 from typing import Annotated
@@ -44,11 +44,11 @@ def speed(
 ) -> None:
     """Time a match against OpenCV's StereoBM and StereoSGBM.
 
-    All of them match the same gray pairs in turn, in one process, ours with either preset first on
-    one thread and then on all, and each once more in a process of its own, for its memory. Takes
-    about a quarter of an hour, on an idle machine, please; a run that was interrupted goes on where
-    it stopped when the same command is given again. With another core, the same file of records
-    shows what became slower or faster. For example:
+    All matchers match the same gray pairs in turn, in one process. Ours runs with either preset,
+    first on one thread and then on all. Each matcher also runs once in its own process, to measure
+    its memory. The command takes about a quarter of an hour; please run it on an idle machine. To
+    continue an interrupted run, give the same command again. With another core, the same file of
+    records shows what became slower or faster. For example:
 
     ```
     phasestereo bench speed data -o speed/speed.jsonl
@@ -60,16 +60,16 @@ def speed(
     data
         Folder with middlebury/scenes2001/tsukuba, middlebury/scenes2003/cones,
         middlebury/MiddEval3/trainingQ/Motorcycle and large/chess_1920x1080/left.png, right.png.
-        What is not there is left out. Without it, there are only pairs that are rendered.
+        Missing pairs are left out. Without it, there are only rendered pairs.
     rounds
-        How often each matches each pair; medians count.
+        Number of times that each matcher matches each pair; medians count.
     output
-        File for the records; its folder is made if need be, and keeps rendered pairs.
+        File for the records; its folder is created if needed, and keeps rendered pairs.
     fresh
-        Begin anew: rename an existing file of records.
+        Start over: rename an existing file of records.
     """
     with refusals(options={"pairs", "rounds"}):
-        require("cv2", extra="opencv")  # known before anybody has waited
+        require("cv2", extra="opencv")  # fails before the user has waited
 
         output.parent.mkdir(parents=True, exist_ok=True)
         say(f"rendered pairs are kept in {output.parent}; each takes ten seconds a megapixel once")
@@ -80,12 +80,12 @@ def speed(
 def speed_suite(
     data: Path | None, output: Path, *, names: tuple[str, ...] = (), rounds: int
 ) -> Suite:
-    """Return the suite of the pairs that are there, and say which are left out.
+    """Return the suite of the available pairs, and print those left out.
 
     Raises
     ------
     ValueError
-        If no pair is there.
+        If no pair is available.
     """
     there, left_out = find_pairs(data, cache=output.parent, names=names)
     for line in left_out:

@@ -1,9 +1,9 @@
-"""Commands that run many jobs, keep their records, and print tables of these.
+"""These commands run many jobs, keep their records, and print tables.
 
-Scenes with known blur, pairs degraded in many ways, frames of rigs, surfaces.
+They score scenes with known blur, pairs degraded in many ways, frames of rigs, and surfaces.
 """
 
-# No `from __future__ import annotations`: the command line is made of these annotations.
+# No `from __future__ import annotations`: these annotations make the command line.
 
 from functools import partial
 from pathlib import Path
@@ -56,7 +56,7 @@ from phasestereo_bench.tables.plan import TIMED
 from phasestereo_bench.tables.recorded import agreement_table, rows_table
 
 _JUDGED = "opencv:sgbm", "prepared:sgbm", "fast"
-"""Whose maps confidences are learned from, beside networks."""
+"""Methods, besides networks, whose maps the confidences are learned from."""
 
 
 def blur(
@@ -66,13 +66,13 @@ def blur(
     output: RecordsFile = Path("blur.jsonl"),
     running: Annotated[RunOptions, Parameter(name="*", group=RUN)] = AS_USUAL,
 ) -> None:
-    """Blur Middlebury pairs by known kernels, and check whether that blur is found.
+    """Blur Middlebury pairs with known kernels, and check whether the estimate finds that blur.
 
-    Every scene is tried 109 times: as it is; with the left or the right image blurred by Gaussians,
-    disks and motions of many sizes, with noise of 1 or 2 gray levels; and with both images blurred
-    alike, which is not a relative blur. Each trial becomes a record in a file of JSON lines as soon
-    as it is done. A run that was interrupted goes on where it stopped when the same command is
-    given again. For example:
+    The command tries every scene 109 times: as it is; with the left or the right image blurred by
+    Gaussians, disks and motions of many sizes, with noise of 1 or 2 gray levels; and with both
+    images blurred alike, which is not a relative blur. Each trial becomes a record in a file of
+    JSON lines as soon as it is done. To continue an interrupted run, give the same command again.
+    For example:
 
     ```
     phasestereo bench blur ~/middlebury -o blur.jsonl
@@ -110,13 +110,12 @@ def confidence(
     weights: Annotated[Path | None, Parameter(group=RUN)] = None,
     running: Annotated[RunOptions, Parameter(name="*", group=RUN)] = AS_USUAL,
 ) -> None:
-    """Learn what raw confidences mean, from pairs that are spoiled in many ways.
+    """Learn what raw confidences mean, from pairs spoiled in many ways.
 
-    Every scene, and some rendered ones, are matched as they are and under faults of the suites, one
-    or two in a row, by each preset: about 1000 matches. Of each remain counts of its errors in a
-    file of JSON lines; a run that was interrupted goes on where it stopped when the same command is
-    given again. The weights are judged by faults and by scenes that they were not learned from. For
-    example:
+    Each preset matches every scene, and some rendered ones, as they are and under faults of the
+    suites, one or two in a row: about 1000 matches. A file of JSON lines keeps the error counts of
+    each match. To continue an interrupted run, give the same command again. The command judges the
+    weights by faults and scenes that they were not learned from. For example:
 
     ```
     phasestereo bench confidence ~/middlebury -o confidence.jsonl
@@ -132,10 +131,10 @@ def confidence(
         Official folder trees: folders that hold scenes2001, MiddEval3 and so on, or one of these,
         or one scene in it.
     of
-        What is learned: what raw confidences of matches mean, or how likely maps of other matchers
-        are right (`phasestereo.verify`): those of HITNet and of StereoSGBM, on pairs as they are
-        and as `phasestereo.prepare` makes them, and of the preset fast. Ten conditions of each
-        scene are judged by weights that were learned without the scene, and without the matcher.
+        What to learn: what raw confidences of matches mean, or how likely maps of other matchers
+        are right (`phasestereo.verify`): maps of HITNet and of StereoSGBM, on pairs as they are and
+        as `phasestereo.prepare` makes them, and of the preset fast. Weights learned without a scene
+        and without a matcher judge its maps of ten conditions of that scene.
     hitnet
         HITNet's ONNX file for ETH3D, for maps.
     every
@@ -143,7 +142,7 @@ def confidence(
     output
         File for the records.
     weights
-        File of Rust to write the weights to.
+        Rust file to write the weights to.
     """
     with refusals(options={"scene", "every", "weights", "hitnet"}):
         scenes = choice.select(folders, "confidence")
@@ -186,10 +185,11 @@ def recordings(
     output: Output = Path("recordings.jsonl"),
     running: Annotated[RunOptions, Parameter(name="*")] = AS_USUAL,
 ) -> None:
-    """Score matchers on raw frames of real rigs, whose depth nobody knows.
+    """Score matchers on raw frames of real rigs, whose depth is unknown.
 
-    Rows are held against the calibration; every method matches each frame from either side, raw
-    and rectified. A run that was interrupted goes on where it stopped. For example:
+    The command compares rows with the calibration; every method matches each frame from either
+    side, raw and rectified. To continue an interrupted run, give the same command again. For
+    example:
 
     ```
     phasestereo bench recordings DATA/rigs/euroc -o recordings.jsonl
@@ -198,12 +198,12 @@ def recordings(
     Parameters
     ----------
     folders
-        Of one rig each: its frames (cam0 and cam1, left and right, left*.png and right*.png, or
-        pictures of both views) and its calibration, as `phasestereo rectify` takes a folder.
+        One folder per rig, with its frames (cam0 and cam1, left and right, left*.png and
+        right*.png, or pictures of both views) and its calibration, as for `phasestereo rectify`.
     method
-        As of `bench middlebury`. Without it, ours and OpenCV's.
+        Methods, as in `bench middlebury`. Without it, ours and OpenCV's.
     hitnet
-        HITNet's ONNX file for ETH3D: the network takes part, too, if onnxruntime is installed.
+        HITNet's ONNX file for ETH3D; the network also takes part if onnxruntime is installed.
     output
         File for the records.
     """
@@ -234,10 +234,10 @@ def surfaces(
 ) -> None:
     """Score matchers on plain, slanted and curved surfaces, and on finer samplings of a scene.
 
-    Rooms with plain walls, tables and things are rendered at several sizes. Folders add scenes
-    that are upsampled, scenes with large planes, and real table tops. The table has bad-1 and bad-2
+    The command renders rooms with plain walls, tables and things at several sizes. Folders add
+    upsampled scenes, scenes with large planes, and real table tops. The table shows bad-1 and bad-2
     by kind of pixel, and the share of neighbors in a column that differ by more than 2 px, beside
-    that of the truth. It takes about three minutes on one core. For example:
+    that of the truth. The command takes about three minutes on one core. For example:
 
     ```
     phasestereo bench surfaces ~/middlebury ~/planes ~/tabletop
@@ -247,19 +247,19 @@ def surfaces(
     Parameters
     ----------
     folders
-        Official folder trees of Middlebury's scenes, of which Art, Moebius, Aloe and Lampshade1 are
-        upsampled; and folders with tabletop/NAME/left.png, right.png and disparity.png. Without
-        any, rooms alone.
+        Official folder trees of Middlebury's scenes (Art, Moebius, Aloe and Lampshade1 are
+        upsampled), and folders with tabletop/NAME/left.png, right.png and disparity.png. Without
+        any, only rooms.
     megapixels
-        Sizes of the rooms; 0.5 and 2 without it. One of 12 takes a minute and a half to render; the
-        memory of opencv:sgbm grows with pixels times disparities.
+        Sizes of the rooms. Without it, 0.5 and 2. A room of 12 megapixels takes a minute and a half
+        to render; the memory of opencv:sgbm grows with pixels times disparities.
     seeds
-        How many rooms of each kind and size.
+        Number of rooms of each kind and size.
     method
-        What to compare, as of ``phasestereo bench middlebury``; default: ours, nothing given, and
-        opencv:sgbm, which is given the range.
+        Methods to compare, as in ``phasestereo bench middlebury``; default: ours without a range,
+        and opencv:sgbm, which gets the range.
     hitnet
-        HITNet's ONNX file for ETH3D: the network takes part, too, if onnxruntime is installed.
+        HITNet's ONNX file for ETH3D; the network also takes part if onnxruntime is installed.
     output
         File for the records.
     """

@@ -1,4 +1,4 @@
-"""The tables that ``phasestereo bench`` prints from its records."""
+"""Prints the tables of ``phasestereo bench`` from its records."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ _PIPED_WIDTH = 200
 
 
 def show(tables: Mapping[str, Contents | None], *lines: str) -> None:
-    """Print tables by their titles, those that there are, and lines below them.
+    """Print the available tables by their titles, and lines below them.
 
-    Where output is piped, a line is as wide as any table.
+    If output is piped, a line is as wide as any table.
     """
     console = Console(highlight=False, width=None if sys.stdout.isatty() else _PIPED_WIDTH)
     for title, contents in tables.items():

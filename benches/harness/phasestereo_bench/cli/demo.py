@@ -1,6 +1,6 @@
-"""``phasestereo demo``: a rendered pair with one image degraded, matched and drawn."""
+"""``phasestereo demo`` matches and draws a rendered pair with one degraded image."""
 
-# No `from __future__ import annotations`: the command line is made of these annotations.
+# No `from __future__ import annotations`: these annotations make the command line.
 
 import webbrowser
 from pathlib import Path
@@ -24,15 +24,15 @@ def demo(
 ) -> None:
     """Show what one image out of focus does to stereo matching.
 
-    What else its help says is in `phasestereo.cli.HARNESS`.
+    `phasestereo.cli.HARNESS` has the rest of its help.
 
     Parameters
     ----------
     output
-        Folder for the maps, the pictures and report.html; made if need be. Files of an earlier
+        Folder for the maps, the pictures and report.html; created if needed. Files of an earlier
         demo in it are replaced.
     seed
-        Which scene.
+        Seed of the scene.
     open_page
         Open report.html in the web browser.
     """

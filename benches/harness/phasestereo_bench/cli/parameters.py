@@ -1,4 +1,4 @@
-"""The kinds of parameters that several commands have."""
+"""Defines the kinds of parameters that several commands share."""
 
 from pathlib import Path
 from typing import Annotated
