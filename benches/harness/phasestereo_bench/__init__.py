@@ -1,4 +1,4 @@
-"""Benchmarks: matchers scored on pairs, sharp and degraded, and the paper's own experiments.
+"""Scores matchers on pairs, sharp and degraded, and repeats the paper's experiments.
 
     import phasestereo_bench as bench
     from phasestereo_bench.datasets import find_scenes

@@ -1,4 +1,4 @@
-"""The benchmark of blur estimation: scenes with known blur, and the estimates for them.
+"""Scores blur estimation on scenes with known blur.
 
     from pathlib import Path
 
@@ -49,20 +49,20 @@ _SEEDS = {"left": 1, "right": 2}
 
 @dataclass(frozen=True, slots=True)
 class BlurTrial:
-    """A scene, and what was done to its images.
+    """A scene, and the changes to its images.
 
     Attributes
     ----------
     scene
         The scene.
     family
-        "gaussian", "disk", "motion", or "none": then the images are as they are.
+        "gaussian", "disk", "motion", or "none" for unchanged images.
     size, angle
-        As `phasestereo.Blur` has them.
+        Size and angle as in `phasestereo.Blur`.
     side
-        Which image is blurred: "left", "right", "both" or "neither".
+        The blurred image: "left", "right", "both" or "neither".
     noise
-        Standard deviation of the noise that blurred images get, gray levels.
+        Standard deviation of the noise that is added to blurred images, gray levels.
     """
 
     scene: Scene
@@ -74,7 +74,7 @@ class BlurTrial:
 
     @property
     def psf(self) -> Kernel | None:
-        """The point-spread function."""
+        """Point-spread function of the blur."""
         match self.family:
             case "gaussian":
                 return gaussian_psf(self.size)
@@ -85,7 +85,7 @@ class BlurTrial:
         return None
 
     def views(self, pair: Pair) -> tuple[Array, Array]:
-        """Return the images of a pair, left and right, as the trial has them."""
+        """Return the left and right images of a pair as the trial changes them."""
         return self._view(pair.left, "left"), self._view(pair.right, "right")
 
     def _view(self, image: Array, side: str) -> Array:
@@ -95,12 +95,12 @@ class BlurTrial:
 
 
 def blur_jobs(scenes: Iterable[Scene], *, every: int = 1) -> list[Job]:
-    """Return the jobs that blur scenes by known kernels and estimate the blur, one for each trial.
+    """Return the jobs that blur scenes with known kernels and estimate the blur, one per trial.
 
-    Every scene is tried as it is; with one image blurred, the left or the right one, by 26
-    point-spread functions (Gaussians of standard deviation 1 to 4 px, disks of radius 2 to 8 px,
-    motions of 5 to 21 px in four directions), with noise of 1 or 2 gray levels; and with both
-    images blurred alike, for which no relative blur is the right answer.
+    Every scene has trials as it is; with the left or the right image blurred by 26 point-spread
+    functions (Gaussians of standard deviation 1 to 4 px, disks of radius 2 to 8 px, motions of 5 to
+    21 px in four directions), with noise of 1 or 2 gray levels; and with both images blurred alike,
+    where no relative blur is the right answer.
 
     Parameters
     ----------
@@ -112,11 +112,11 @@ def blur_jobs(scenes: Iterable[Scene], *, every: int = 1) -> list[Job]:
     Returns
     -------
     list of Job
-        Their records: "kind", "collection", "scene", "family", "size", "angle", "side" and "noise"
-        identify a trial, as `BlurTrial` has them. Good ones have "found" ("side", "kind", "size"
-        and "angle" of the blur of the largest area), "kinds" (how many), "areas" (the share of
-        each), "certainty", "contrast", "noise_found", "num_disparities", "width", "height",
-        "seconds" and "peak_bytes" of the estimation, on one thread.
+        In their records, "kind", "collection", "scene", "family", "size", "angle", "side" and
+        "noise" identify a trial, as in `BlurTrial`. Good records have "found" ("side", "kind",
+        "size" and "angle" of the blur of the largest area), "kinds" (their number), "areas" (the
+        share of each), "certainty", "contrast", "noise_found", "num_disparities", "width",
+        "height", "seconds" and "peak_bytes" of the estimation, on one thread.
 
     Raises
     ------
@@ -184,7 +184,8 @@ def _key(trial: BlurTrial) -> dict[str, str | int | float | bool | None]:
 
 
 SIZE_PIXELS, SIZE_SHARE, ANGLE = 0.5, 0.1, 15.0
-"""How far a size may be off, in pixels or as a share of it, and an angle, in degrees."""
+"""Largest accepted errors: of a size in pixels, of a size as a share, and of an angle in
+degrees."""
 
 _ALIKE_UP_TO = {"gaussian": 1.5, "disk": 2.0}
 """Up to these sizes a Gaussian and a disk of twice its size cannot be distinguished."""
@@ -192,24 +193,24 @@ _ALIKE_UP_TO = {"gaussian": 1.5, "disk": 2.0}
 
 @dataclass(frozen=True, slots=True)
 class BlurVerdict:
-    """What is right about an estimate.
+    """The correct parts of an estimate.
 
     Attributes
     ----------
     kind
-        Whether the family is right: no blur where neither or both of the images are blurred.
+        Whether the family is right: no blur if neither or both of the images are blurred.
     side
-        Whether the softer image is; of no blur, whether none is reported.
+        Whether the softer image is right; for no blur, whether the estimate reports no blur.
     size_error
-        By how many pixels the size is off; None where it has no meaning.
+        Error of the size in pixels; None if it has no meaning.
     size
         Whether that is little enough.
     angle_error
-        By how many degrees, 0 to 90; None where it has no meaning.
+        Error of the angle in degrees, 0 to 90; None if it has no meaning.
     angle
         Whether that is little enough.
     single
-        Whether this kind of blur is the only one that was found.
+        Whether the estimate found only this kind of blur.
     """
 
     kind: bool
@@ -238,10 +239,10 @@ def verdict(record: Mapping[str, Any]) -> BlurVerdict:
     alike = {found["kind"], family} == set(_ALIKE_UP_TO) and true <= _ALIKE_UP_TO[family]
     kind = found["kind"] == family or alike
 
-    # Sizes and angles are compared only where the family is right.
+    # Compare sizes and angles only if the family is right.
     size = _as(family, found) if kind else None
     error = None if size is None else abs(size - true)
-    # A motion has a direction but no sense: angles repeat after 180 degrees.
+    # A motion forward equals one backward, so angles repeat after 180 degrees.
     turn = (
         abs((found["angle"] - record["angle"] + 90) % 180 - 90)
         if kind and family == "motion"
@@ -260,7 +261,7 @@ def verdict(record: Mapping[str, Any]) -> BlurVerdict:
 
 
 def _as(family: str, found: Mapping[str, Any]) -> float:
-    """Return the size that a found blur has in terms of another family of the same spread."""
+    """Return the size of a found blur as another family of the same spread."""
     size = float(found["size"])
     if found["kind"] == family:
         return size
@@ -288,7 +289,7 @@ def blur_table(records: Iterable[Record]) -> Table:
 
 
 def explain_blur(records: Sequence[Record]) -> str:
-    """Say what the figures of the table are."""
+    """Explain the figures of the table."""
     scenes = {(record["collection"], record["scene"]) for record in records}
     noises = sorted({record["noise"] for record in records if record["noise"]})
     levels = " or ".join(f"{noise:g}" for noise in noises)
@@ -322,7 +323,7 @@ def _row(name: str, group: Sequence[BlurVerdict]) -> tuple[Entry, ...]:
     sized = [judged.size_error for judged in group if judged.size_error is not None]
     turned = [judged.angle_error for judged in group if judged.angle_error is not None]
 
-    # A size means nothing without a blur, an angle only something for a motion.
+    # A size needs a blur, and an angle needs a motion.
     blurred = not name.startswith("none")
     moved = name.startswith(("motion", "all"))
 

@@ -1,4 +1,4 @@
-"""Cases: a scene, and the changes to its images before a match."""
+"""Defines a case: a scene, and the changes to its images before a match."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from phasestereo_bench.degradation import Degradation, Kernel, suite
 from phasestereo_bench.rigs import ALTERNATING, RIGS, Fault, side_of
 
 Recipe: TypeAlias = Callable[..., Any]
-"""What degrades an image: called with it, it returns one of the same shape and type. Of the suite
-"rigs" and "rigs-2" it is a `Fault`, which takes a whole pair."""
+"""A function that degrades an image, and keeps its shape and type. In the suites "rigs" and
+"rigs-2" it is a `Fault`, which takes a whole pair."""
 
 SUITES: Mapping[str, Mapping[str, Recipe]] = MappingProxyType(
     {
@@ -51,13 +51,13 @@ _PLANES = frozenset(
 SUITE_SCENES: Mapping[str, frozenset[str]] = MappingProxyType(
     dict.fromkeys(SUITES, _SCENES) | {"rigs-2": _SCENES | _PLANES}
 )
-"""The scenes over which the means of a suite are taken, where it says; each as `str(scene)`."""
+"""The scenes that the means of a suite cover, if it names them; each as `str(scene)`."""
 
 SIDES = ("left", "right", ALTERNATING)
 
 _SUITE_SIDES = dict.fromkeys(RIGS, ALTERNATING)
 
-_KEPT = 2  # what adjacent jobs need: one degraded image, and its true blur
+_KEPT = 2  # adjacent jobs need one degraded image, and its true blur
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,9 +69,9 @@ class Case:
     scene
         The scene.
     suite, degradation
-        What was done to it, as `SUITES` has it.
+        Its degradation, as in `SUITES`.
     side
-        To which image: "left", "right", or "alternating", which `rigs.side_of` decides.
+        The degraded image: "left", "right", or "alternating", which `rigs.side_of` decides.
     """
 
     scene: Scene
@@ -81,16 +81,16 @@ class Case:
 
     @property
     def degrade(self) -> Recipe:
-        """What is done to the image."""
+        """The function that degrades the image."""
         return SUITES[self.suite][self.degradation]
 
     @property
     def kernel(self) -> Kernel | None:
-        """The kernel of the degradation, if it has one: then there is a true blur."""
+        """The kernel of the degradation, if it has one; then there is a true blur."""
         return getattr(self.degrade, "psf", None)
 
     def pair(self, *, true_blur: bool) -> Pair:
-        """Return the pair to match and to score; the images are the caller's.
+        """Return the pair to match and to score; the caller may change the images.
 
         Parameters
         ----------
@@ -100,7 +100,7 @@ class Case:
         Raises
         ------
         OSError, ValueError
-            As `Scene.load`; ValueError also if a true blur is asked for and missing.
+            As `Scene.load`; ValueError also if the requested true blur is missing.
         """
         pair = _pair(self, true_blur)
         return replace(pair, left=pair.left.copy(), right=pair.right.copy())
@@ -112,7 +112,7 @@ def require_known(argument: str, values: Iterable[object], known: Iterable[str])
     Raises
     ------
     ValueError
-        If there is one; it names the argument.
+        If there is such a value; the message names the argument.
     """
     names = list(known)
     for value in values:
@@ -127,12 +127,12 @@ def usual_side(suite: str) -> str:
 
 @lru_cache(_KEPT)
 def load(scene: Scene) -> Pair:
-    """Load a scene; neighboring jobs share it, so it must not be changed."""
+    """Load a scene; neighboring jobs share it, so do not change it."""
     return scene.load()
 
 
 def forget() -> None:
-    """Forget what was loaded and degraded: files may have changed."""
+    """Forget loaded and degraded images, because files may have changed."""
     load.cache_clear()
     _pair.cache_clear()
 

@@ -1,4 +1,4 @@
-"""Sweep constants of the core: build the core with other values of one, and score it."""
+"""Sweeps constants of the core: builds the core with other values of one, and scores it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from phasestereo_bench.report.results import read_results
 from phasestereo_bench.report.tables import Table, means
 
 METRIC = "v2.nonocc"
-"""What variants are scored by, a name in `METRICS`."""
+"""The score of variants, a name in `METRICS`."""
 
 AS_IT_IS = "as it is"
 """The variant with all of its values unchanged."""
@@ -28,7 +28,7 @@ _CRATES = "rust/match/src", "rust/core/src"
 _BUILT = "Cargo.toml", "Cargo.lock", "rust"
 _LIBRARIES = "lib_core.so", "lib_core.dylib", "_core.dll"
 
-# A constant, or an entry of a table of them, whose value is one plain number.
+# A constant, or an entry in a table of constants, with one plain number as its value.
 _CONSTANT = re.compile(
     r"^\s*(?:pub(?:\(\w+\))? )?(?:const )?(?P<name>[A-Z][A-Z0-9_]+): "
     r"(?P<type>f32|f64|[iu](?:8|16|32|64|size)) = (?P<value>-?[\d_]+(?:\.\d+)?)(?=[;,])",
@@ -43,11 +43,11 @@ class Constant:
     Attributes
     ----------
     name
-        Its name, or "module.rs:NAME" where several files have one of that name.
+        Its name, or "module.rs:NAME" if several files have a constant of that name.
     path
         Its file, below the root of the source.
     value
-        As the file has it.
+        Value in the file.
     place
         The first character of the value in the file, and the one after the last.
     """
@@ -58,7 +58,7 @@ class Constant:
     place: tuple[int, int]
 
     def scaled(self, factor: float) -> str:
-        """Return a multiple of the value as Rust writes it: of an integer, the nearest other one.
+        """Return a multiple of the value as Rust writes it; of an integer, the nearest other one.
 
         Raises
         ------
@@ -76,7 +76,7 @@ class Constant:
 
 
 def find_constants(source: Path) -> list[Constant]:
-    """Return the constants of the core whose values are one plain number, by file and place.
+    """Return the constants of the core with one plain number as value, by file and place.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def find_constants(source: Path) -> list[Constant]:
     Raises
     ------
     ValueError
-        If it is not one.
+        If the folder is not such a checkout.
     """
     found = []
     for path in sorted(path for crate in _CRATES for path in (source / crate).rglob("*.rs")):
@@ -115,7 +115,7 @@ def choose(constants: Iterable[Constant], names: Sequence[str]) -> list[Constant
     Raises
     ------
     ValueError
-        If there is none of a name: with those of several files, or of similar names.
+        If a name is unknown; the message names constants of several files, or with similar names.
     """
     known = {one.name: one for one in constants}
     for name in names:
@@ -128,7 +128,7 @@ def choose(constants: Iterable[Constant], names: Sequence[str]) -> list[Constant
 
 
 def constants_table(constants: Iterable[Constant]) -> Table:
-    """Return name, value and file of constants."""
+    """Return the table of names, values and files of constants."""
     rows = [(one.name, one.value, str(one.path)) for one in constants]
     return Table.of(("constant", "value", "file"), rows, labels=3)
 
@@ -141,22 +141,22 @@ def build(source: Path, work: Path, label: str, change: tuple[Constant, str] | N
     source
         The checkout.
     work
-        Folder for a copy of the source, what is compiled, and packages; it is kept, so that each
-        further build compiles only what depends on the constant.
+        Folder for a copy of the source, compiled files, and packages; it is kept, so each further
+        build compiles only the files that depend on the constant.
     label
-        What the variant is called.
+        Name of the variant.
     change
-        The constant, and its value in Rust; None: all as it is.
+        The constant, and its value in Rust; None: no change.
 
     Returns
     -------
     Path
-        A folder with the package `phasestereo`, to be put into the path of Python.
+        A folder with the package `phasestereo`, to put into the path of Python.
 
     Raises
     ------
     RuntimeError
-        If it cannot be compiled: with the first error of the compiler.
+        If the compilation fails; the message has the first error of the compiler.
     OSError
         If cargo is not installed, or a file cannot be read or written.
     """
@@ -178,7 +178,7 @@ def build(source: Path, work: Path, label: str, change: tuple[Constant, str] | N
         str(target.resolve()),
     )
     done = subprocess.run(  # noqa: S603 - the arguments are ours
-        ("cargo", "build", "--quiet", *options),  # noqa: S607 - of the user's path
+        ("cargo", "build", "--quiet", *options),  # noqa: S607 - cargo from the user's path
         cwd=work / "source",
         capture_output=True,
         text=True,
@@ -188,7 +188,7 @@ def build(source: Path, work: Path, label: str, change: tuple[Constant, str] | N
         errors = (line for line in done.stderr.splitlines() if line.startswith("error"))
         raise RuntimeError(f"{label}: {next(errors, done.stderr.strip())}")
 
-    # Python's path is divided at colons.
+    # Python splits its path at colons.
     package = work / "packages" / re.sub(r"[^\w.=-]", "_", label)
     without = shutil.ignore_patterns("_core.*.so", "_core*.pyd", "__pycache__")
     shutil.copytree(
@@ -204,7 +204,7 @@ def build(source: Path, work: Path, label: str, change: tuple[Constant, str] | N
 
 
 def _copy_source(source: Path, copy: Path, changed: Mapping[Path, bytes]) -> None:
-    """Write what of the source is another in the copy; the times of all else stay as they are."""
+    """Write changed files of the source to the copy; the times of other files stay the same."""
     paths = [source / name for name in _BUILT]
     files = [path for root in paths for path in (root.rglob("*") if root.is_dir() else [root])]
     for path in files:
@@ -218,28 +218,28 @@ def _copy_source(source: Path, copy: Path, changed: Mapping[Path, bytes]) -> Non
 
 
 def score(package: Path, arguments: Sequence[str], output: Path) -> dict[str, float]:
-    """Score a variant of the core in a process of its own.
+    """Score a variant of the core in its own process.
 
     Parameters
     ----------
     package
-        What `build` returned.
+        The result of `build`.
     arguments
-        Those of ``phasestereo bench middlebury``, of one method.
+        Arguments of ``phasestereo bench middlebury``, with one method.
     output
-        Folder for the records, whose file is named by the package and its contents.
+        Folder for the records; the package and its contents give the file its name.
 
     Returns
     -------
     dict
-        The mean of `METRIC` over the scenes, by degradation, %; and over all of these, "mean".
+        The mean of `METRIC` over the scenes, by degradation, %; and over all degradations, "mean".
 
     Raises
     ------
     ValueError
-        If the folder cannot be put into the path of Python.
+        If the folder cannot be in the path of Python.
     RuntimeError
-        If the benchmark fails: with the last line that it printed.
+        If the benchmark fails; the message has the last line that it printed.
     """
     if os.pathsep in str(package):
         raise ValueError(
@@ -277,7 +277,7 @@ def score(package: Path, arguments: Sequence[str], output: Path) -> dict[str, fl
 
 
 def swept_table(scores: Mapping[str, Mapping[str, float]]) -> Table:
-    """Return the scores of variants by degradation; below the first, differences from it."""
+    """Return the scores of variants by degradation; below the first row, differences from it."""
     first = scores[AS_IT_IS]
     rows = [
         [

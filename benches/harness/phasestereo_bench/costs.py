@@ -1,4 +1,4 @@
-"""The cost of a match: seconds and memory, each method alone on the machine and on one thread."""
+"""Measures the cost of a match: seconds and memory, with one method on one thread at a time."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ CASES = (
     ("rigs", "jpeg 70"),
     ("rigs", "webcam"),
 )
-"""Suites and degradations that methods are timed on: some estimate more on a bad pair."""
+"""Suites and degradations for the timing of methods: some estimate more on a bad pair."""
 
 _ROUNDS = 3
-_SMALL = 64  # px: a process has matched so much before anything counts
+_SMALL = 64  # px: a process first matches a pair of this size, which does not count
 
 
 def cost_jobs(scene: Scene, methods: Sequence[str]) -> list[Job]:
-    """Return the jobs of a scene; they are to be run by one worker, with nothing beside it."""
+    """Return the jobs of a scene; one worker must run them, with nothing beside it."""
     return [
         Job(
             {
@@ -50,14 +50,14 @@ def cost_jobs(scene: Scene, methods: Sequence[str]) -> list[Job]:
 
 
 def measure_case(case: Case, spec: str) -> dict[str, Any]:
-    """Match a case three times, after one that does not count.
+    """Match a case three times, after one match that does not count.
 
     Returns
     -------
     dict
-        ``"seconds"``: the median; ``"peak_bytes"`` of a sharp pair: the rise of the peak of the
-        resident memory in a fresh process over that of the process when it has matched a small
-        pair, None where the system does not report it, and of other pairs; ``"pixels"``.
+        ``"seconds"``: the median; ``"peak_bytes"``, for a sharp pair: the rise of the peak of the
+        resident memory in a fresh process over that of the process after it has matched a small
+        pair, None if the system does not report it, and for other pairs; ``"pixels"``.
     """
     match, pair = method(spec).match, case.pair(true_blur=False)
     left, right, count = pair.left, pair.right, pair.num_disparities
@@ -74,10 +74,10 @@ def measure_case(case: Case, spec: str) -> dict[str, Any]:
 
 
 def weigh(case: Case, spec: str) -> dict[str, Any]:
-    """Match a small pair, then the whole one, and return the memory that the latter takes."""
+    """Match a small pair, then the whole one, and return the memory that the whole one takes."""
     match, pair = method(spec).match, case.pair(true_blur=False)
 
-    # The small match loads code and buffers, which no pair should be charged for.
+    # The small match loads code and buffers, which should not count for any pair.
     small = (image[:_SMALL, : 2 * _SMALL].copy() for image in (pair.left, pair.right))
     match(*small, _SMALL // 4)
     done = measured(lambda: match(pair.left, pair.right, pair.num_disparities))
@@ -86,5 +86,5 @@ def weigh(case: Case, spec: str) -> dict[str, Any]:
 
 
 def _memory(case: Case, spec: str) -> int | None:
-    """Weigh in a fresh process: some libraries keep what an earlier match took."""
+    """Weigh in a fresh process, because some libraries keep the memory of an earlier match."""
     return perform_alone(weigh, {"case": case, "spec": spec}).get("weight")

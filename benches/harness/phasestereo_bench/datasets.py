@@ -1,8 +1,8 @@
-"""Datasets: the official folder trees of Middlebury, ETH3D and KITTI, as scenes to load and score.
+"""Finds the scenes of Middlebury, ETH3D and KITTI in the official folder trees, and loads them.
 
 This module knows the files of a dataset, the coding of its truth and the pixels that count;
 `phasestereo.io` reads single files, and `phasestereo.metrics` scores. The years differ only in
-their rows in `LAYOUTS`: a new year is a new row.
+their rows in `LAYOUTS`; a new year needs a new row.
 
 The data itself is at https://vision.middlebury.edu/stereo/data, https://www.eth3d.net and
 https://www.cvlibs.net/datasets/kitti; folders and files must keep their names from
@@ -30,31 +30,31 @@ __all__ = ["LAYOUTS", "Layout", "MaskFile", "Pair", "Scene", "find_scene", "find
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pair:
-    """A rectified pair, with the truth as far as it is known.
+    """A rectified pair, with the known parts of its truth.
 
     Attributes
     ----------
     name
-        What to call it in a table.
+        Name of the pair in a table.
     left, right
         The images, uint8 (H, W) or (H, W, 3).
     truth
         Disparities of the left view in px, float32 (H, W), NaN = unknown; right x = left x - d.
     truth_right
-        The same of the right view (d >= 0 again, left x = right x + d).
+        Disparities of the right view (d >= 0 again, left x = right x + d).
     masks
         The pixels to score by region, bool (H, W): "nonocc" (visible in both images), "all" (with
         the half-occluded ones), "disc" (near a depth discontinuity); those that are known.
     num_disparities
-        How many disparities to search from 0.
+        Number of disparities to search from 0.
     calibration
-        The camera pair, where it is known.
+        The camera pair, if it is known.
     offset
-        What cropping took off every disparity, px, where it is known (2005, 2006): the depth is
-        focal length x baseline / (d + offset).
+        Px that cropping took off every disparity, if known (2005, 2006): the depth is focal length
+        x baseline / (d + offset).
     first
-        What the rig's own least disparity is where `truth` has 0: its right image is this many px
-        farther to the left.
+        The rig's own least disparity where `truth` has 0: its right image is this many px farther
+        to the left.
     """
 
     name: str
@@ -70,7 +70,7 @@ class Pair:
 
 
 class MaskFile(NamedTuple):
-    """Where the mask of a region is: a gray image, a pixel being in from a certain level on."""
+    """The mask file of a region: a gray image; pixels with a certain level or more are inside."""
 
     region: str
     file: str
@@ -79,9 +79,9 @@ class MaskFile(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Layout:
-    """How one collection keeps its scenes: `collection/<scene>/<file>`.
+    """The files of the scenes in one collection: `collection/<scene>/<file>`.
 
-    Where a folder holds many scenes, their names stand for `*` in the names of the files.
+    If a folder holds many scenes, their names replace `*` in the names of the files.
 
     Attributes
     ----------
@@ -90,26 +90,27 @@ class Layout:
     left, right
         File names of the images. A folder with the left image is a scene.
     truth, truth_right
-        File names of the disparities of either view; a file that is not there is an unknown truth.
+        File names of the disparities of either view; a missing file means an unknown truth.
     truth_scale
         A gray level divided by this is a disparity in px, and level 0 is unknown; None for PFM.
     num_disparities
-        How many disparities to search from 0, fixed by the collection and never by the truth: what
-        the 8-bit code can hold (2001, 2003), 240 at full size (2005, 2006), 80 at a quarter of it
-        (MiddEval3), 64 (ETH3D), 192 (KITTI). A scene whose calib.txt asks for more gets more. None
-        where there is no such number: what calib.txt gives, up to a multiple of 16 (2014, 2021).
+        Number of disparities to search from 0. The collection fixes it, never the truth: the number
+        that the 8-bit code can hold (2001, 2003), 240 at full size (2005, 2006), 80 at a quarter of
+        it (MiddEval3), 64 (ETH3D), 192 (KITTI). A scene whose calib.txt asks for more gets more.
+        None if there is no such number; then calib.txt gives it, up to a multiple of 16 (2014,
+        2021).
     masks
-        Mask files, each of which may be missing.
+        Mask files; each may be missing.
     also
-        Other folders with the same scenes: where the site itself has them, so that a mirror works.
+        Other folders with the same scenes, as on the site itself, so that a mirror works.
     scenes
-        What a scene's folder is called, `*` for any characters.
+        Name of a scene's folder, `*` for any characters.
     calibration
         File name of the calibration.
     offset
         File name of the disparity that cropping took off, in px at full size.
     max_width
-        The widest image the truth's scale holds for, px, where its folder leaves that open.
+        Width of the widest image with this scale of the truth, px, if the folder leaves that open.
     """
 
     collection: str
@@ -288,7 +289,7 @@ class Scene:
     folder
         Where its files are.
     layout
-        Which files these are, and how the truth is coded.
+        The names of these files, and the code of the truth.
     """
 
     name: str
@@ -301,17 +302,17 @@ class Scene:
         return f"{self.collection}/{self.name}"
 
     def load(self) -> Pair:
-        """Read the images, and what there is of truth, masks and calibration.
+        """Read the images, and the available truth, masks and calibration.
 
-        A pixel counts as "nonocc" where its mask says so, its truth is known and its match is
-        inside the right image (x - d >= 0); without a mask file, where the truths of both views
-        agree: |dL(x) - dR(x - dL(x))| <= 1, the right one taken at the nearest column (which for
-        2005 and 2006 gives the very masks in use). It counts as "all" where its mask says so, or
-        anywhere without one, and its truth is known: half-occluded pixels belong to it, so matches
-        outside the right image do, too. It counts as "disc" where its mask says so and its truth
-        is known. There is no mask without a truth, and no "nonocc" or "disc" without a source.
-        (The rows of the "-imperfect" pairs of 2014 are a little apart; the truths are compared
-        along the same row even so.)
+        A pixel counts as "nonocc" if its mask includes it, its truth is known and its match is
+        inside the right image (x - d >= 0); without a mask file, if the truths of both views agree:
+        |dL(x) - dR(x - dL(x))| <= 1, with the right one taken at the nearest column (which for 2005
+        and 2006 gives the very masks in use). It counts as "all" if its mask includes it, or
+        anywhere without a mask, and its truth is known: "all" contains half-occluded pixels, and so
+        also matches outside the right image. It counts as "disc" if its mask includes it and its
+        truth is known. Without a truth there is no mask, and without a source no "nonocc" or
+        "disc". (The rows of the "-imperfect" pairs of 2014 are a little apart; the truths are still
+        compared along the same row.)
 
         Returns
         -------
@@ -322,9 +323,9 @@ class Scene:
         OSError
             If a file cannot be read, or an image is missing.
         ValueError
-            If a file's content is not what it should be, or its size is not the left image's; or
-            if the images are larger than the scale of the truth is known for; or if nothing gives
-            how many disparities to search.
+            If a file's content is invalid, or its size is not the left image's; or if the images
+            are larger than the known scale of the truth allows; or if nothing gives the number of
+            disparities to search.
         """
         layout = self.layout
         path_left = self.folder / layout.left
@@ -388,8 +389,8 @@ class Scene:
     def _num_disparities(self, calibration: Calibration | None) -> int:
         """Return the collection's number, or calib.txt's to the nearest multiple of 16 if larger.
 
-        The nearest rather than the next, which is for collections without a number of their own:
-        calib.txt's number is a generous bound.
+        It is the nearest multiple, because calib.txt's number is a generous bound. Collections
+        without their own number take the next multiple.
         """
         bound = None if calibration is None else calibration.ndisp
         own = self.layout.num_disparities
@@ -412,7 +413,7 @@ class Scene:
                 _require_shape(path, gray.shape, truth.shape)
                 masks[region] = (gray >= level) & np.isfinite(truth)
 
-        # A match left of the first column cannot be seen in the right image.
+        # The right image cannot show a match left of the first column.
         if "nonocc" in masks:
             masks["nonocc"] &= _match_column(truth) >= 0
 
@@ -426,8 +427,8 @@ def find_scenes(root: str | os.PathLike[str]) -> list[Scene]:
     ----------
     root
         The folder that holds `scenes2001`, `kitti2012` and so on, those that exist; or one of
-        these; or one scene in it. Folders are recognized by the official names of their files and
-        of the folders they are in.
+        these; or one scene in it. The official names of their files and parent folders identify the
+        folders.
 
     Returns
     -------
@@ -451,7 +452,7 @@ def find_scenes(root: str | os.PathLike[str]) -> list[Scene]:
     for layout in LAYOUTS:
         for candidate in _candidates(folder, layout):
             for scene in _scenes_in(candidate, layout):
-                # The first layout that fits is the one.
+                # The first layout that fits counts.
                 scenes.setdefault((candidate, scene.name), scene)
 
     if not scenes:
@@ -471,8 +472,8 @@ def find_scene(root: str | os.PathLike[str], name: str) -> Scene:
     root
         As for `find_scenes`.
     name
-        Such as "tsukuba", in upper or lower case; where several collections have it, preceded by
-        as much of the collection as it takes: "trainingH/Piano", "scenes2005/HalfSize/Art".
+        A name such as "tsukuba", in upper or lower case; if several collections have it, with
+        enough of the collection in front: "trainingH/Piano", "scenes2005/HalfSize/Art".
 
     Raises
     ------
@@ -481,7 +482,7 @@ def find_scene(root: str | os.PathLike[str], name: str) -> Scene:
     OSError
         As `find_scenes`.
     ValueError
-        As `find_scenes`, or if no scene has that name, or several have; it lists them.
+        As `find_scenes`, or if no scene has that name, or several have it; the message lists them.
     """
     if not isinstance(name, str):
         raise TypeError(f"name must be a string, got {type(name).__name__}")
@@ -500,7 +501,7 @@ def find_scene(root: str | os.PathLike[str], name: str) -> Scene:
 
 
 def _scenes_in(folder: Path, layout: Layout) -> Iterator[Scene]:
-    """Yield the scene of a folder, or those that it holds many of."""
+    """Yield the scene of a folder, or all scenes of a folder that holds many."""
     if "*" not in layout.left and (folder / layout.left).is_file():
         yield Scene(folder.name, layout.collection, folder, layout)
     elif "*" in layout.left:
@@ -510,7 +511,7 @@ def _scenes_in(folder: Path, layout: Layout) -> Iterator[Scene]:
 
 
 def _candidates(root: Path, layout: Layout) -> Iterator[Path]:
-    """Yield the folders of a layout, where `root` may be above it, it, inside it or a scene."""
+    """Yield the folders of a layout at, below or above `root`, which may also be a scene."""
     for collection in (layout.collection, *layout.also):
         for folder in _folders(root, PurePosixPath(collection).parts):
             if fnmatchcase(folder.name, layout.scenes):
@@ -543,7 +544,7 @@ def _require_shape(path: Path, shape: tuple[int, ...], wanted: tuple[int, ...]) 
 
 
 def _match_column(truth: Map) -> Map:
-    """Return x - d: NaN where the truth is unknown, negative left of the right image."""
+    """Return x - d: NaN if the truth is unknown, negative left of the right image."""
     return np.arange(truth.shape[1], dtype=np.float32) - truth
 
 

@@ -1,7 +1,7 @@
-"""Seeded, exact degradations of one image: blur, contrast, noise, and areas of different ones.
+"""Degrades one image exactly, from seeds: blur, contrast, noise, and areas of different ones.
 
-To make a pair one-sided, degrade one image and leave the other. Every degradation acts on
-each channel in float64 with borders continued by reflection (``d c b a | a b c d``), rounds to the
+To make a pair one-sided, degrade one image and leave the other alone. Every degradation acts on
+each channel in float64, continues borders by reflection (``d c b a | a b c d``), rounds to the
 image's integer type, and only then adds noise and rounds again. Coordinates are x to the right and
 y down, in pixels.
 """
@@ -27,7 +27,7 @@ MAX_DIRECT_TAPS = 49
 
 
 def gaussian_psf(sigma: float) -> Kernel:
-    """Point-spread function of a Gaussian blur, cut at 4 sigma.
+    """Return the point-spread function of a Gaussian blur, cut at 4 sigma.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ def gaussian_psf(sigma: float) -> Kernel:
 
 
 def disk_psf(radius: float, inner: float | None = None) -> Kernel:
-    """Point-spread function of defocus: a disk, each tap integrated over its pixel (8x8 samples).
+    """Return the point-spread function of defocus, a disk integrated per pixel (8x8 samples).
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def disk_psf(radius: float, inner: float | None = None) -> Kernel:
             square = np.add.outer((taps + dy) ** 2, (taps + dx) ** 2)
             counts += (square <= radius**2) & (square > (-1 if inner is None else inner**2))
 
-    if not counts.any():  # smaller than the grid of samples sees
+    if not counts.any():  # the disk is smaller than the grid of samples
         return np.ones((1, 1))
 
     counts /= counts.sum()
@@ -80,7 +80,7 @@ def disk_psf(radius: float, inner: float | None = None) -> Kernel:
 
 
 def motion_psf(length: float, angle: float = 0.0) -> Kernel:
-    """Point-spread function of a straight motion at constant speed.
+    """Return the point-spread function of a straight motion at constant speed.
 
     The path runs from -(length - 1)/2 to +(length - 1)/2 pixels in 16 length + 1 equal samples
     (rounded to a whole number), each split bilinearly over its four pixels.
@@ -109,7 +109,7 @@ def motion_psf(length: float, angle: float = 0.0) -> Kernel:
     half = int(np.ceil((length - 1) / 2))
     path = np.linspace(-(length - 1) / 2, (length - 1) / 2, round(length * MOTION_SAMPLES) + 1)
 
-    # Rounded so that right angles are exact: cos(90 degrees) is 6e-17 in floating point.
+    # Round, so that right angles are exact: cos(90 degrees) is 6e-17 in floating point.
     x, y = np.round(path * np.cos(radians), 12), np.round(path * np.sin(radians), 12)
     left, top = np.floor(x).astype(int), np.floor(y).astype(int)
 
@@ -151,7 +151,8 @@ def _convolve_plane(plane: NDArray[np.float64], kernel: Kernel) -> NDArray[np.fl
     up, across = (size // 2 for size in kernel.shape)
     padded = np.pad(plane, ((up, up), (across, across)), mode="symmetric")
 
-    # A direct sum costs by the tap, the transform almost the same for all kernels.
+    # The cost of a direct sum grows with the taps; the transform costs almost the same for all
+    # kernels.
     if np.count_nonzero(kernel) > MAX_DIRECT_TAPS:
         from scipy import signal  # noqa: PLC0415  # slow to import, and most of the harness does without
 
@@ -179,12 +180,12 @@ def quantize(values: NDArray[np.float64], dtype: type[Level] | np.dtype[Level]) 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Degradation:
-    """One way to degrade an image, to be called with it: blur, then contrast, then noise.
+    """One way to degrade an image, a callable that takes it: blur, then contrast, then noise.
 
     ``round(top * gain * (blurred / top)^gamma + offset)``, top = 255 or 65535, and then, if there
-    is any noise, a second rounding of the sum of that and the noise. Calling it with a uint8 or
-    uint16 array (H, W) or (H, W, C) returns a new one of the same shape and dtype. The default is
-    the identity.
+    is any noise, a second rounding of the sum of that and the noise. A call takes a uint8 or uint16
+    array (H, W) or (H, W, C), and returns a new one of the same shape and dtype. The default is the
+    identity.
 
     Parameters
     ----------
@@ -195,11 +196,11 @@ class Degradation:
     gain
         Factor, >= 0.
     offset
-        Gray levels of the image's type added.
+        Gray levels to add, of the image's type.
     noise
         Standard deviation of the Gaussian noise in gray levels of the image's type, >= 0.
     seed
-        Of the noise, for ``numpy.random.default_rng``, an integer >= 0.
+        Seed of the noise, for ``numpy.random.default_rng``, an integer >= 0.
     """
 
     psf: Kernel | None = None
@@ -213,7 +214,7 @@ class Degradation:
         """Return the degraded image, same shape and dtype."""
         top = float(np.iinfo(image.dtype).max)
         values = image.astype(np.float64) if self.psf is None else convolve(image, self.psf)
-        if self.gamma != 1:  # the clip removes what the transform leaves below zero
+        if self.gamma != 1:  # the clip removes values that the transform leaves below zero
             values = top * (np.clip(values, 0, None) / top) ** self.gamma
 
         degraded = quantize(self.gain * values + self.offset, image.dtype)
@@ -234,20 +235,20 @@ def areas(
 ) -> NDArray[Level]:
     """Show a different version of the image in different areas, with noise over the whole.
 
-    Each version is computed on the whole image and then cut, so that areas meet as two
-    photographs would and no version sees the border of its area.
+    Each version is computed on the whole image and then cut, so areas meet like two photographs and
+    no version sees the border of its area.
 
     Parameters
     ----------
     image
         uint8 or uint16 array (H, W) or (H, W, C).
     layout
-        Integers (rows, cols), the index of the version each area shows. The areas are equal: area
+        Integers (rows, cols), the index of the version in each area. The areas are equal: area
         (i, j) covers the image rows H i // rows to H (i + 1) // rows, and columns in the same way.
     versions
         Callables from an image to an image of its shape and dtype, such as `Degradation`.
     noise, seed
-        As for `Degradation`: added once, at the end, over the whole image.
+        As for `Degradation`; the noise is added once, at the end, over the whole image.
     """
     # Cell i of n covers the pixels from size * i // n to size * (i + 1) // n.
     grid = np.asarray(layout)

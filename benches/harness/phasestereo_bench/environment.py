@@ -1,4 +1,4 @@
-"""What a figure was measured with: processor, versions, commit."""
+"""Describes the processor, the versions and the commit behind a figure."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from typing import Any
 
 import phasestereo
 
-# One module, four wheels, of which any may be the one that is installed.
+# Four wheels have the same module; any of them may be installed.
 _OPENCV = (
     "opencv-contrib-python-headless",
     "opencv-contrib-python",
@@ -31,10 +31,10 @@ def describe_environment() -> dict[str, Any]:
     -------
     dict
         ``"kind"``: ``"environment"``; ``"id"``: 12 hexadecimal digits, equal for equal
-        environments; ``"cpu"``: name of the processor; ``"cores"``: how many of them this process
-        may use; ``"platform"``; ``"versions"``: of Python and of the packages by name, None where
-        one is not installed; ``"commit"``: of the checkout that this package is part of, ending in
-        ``-dirty`` where files have changed since, None outside of one; ``"date"``: of today, UTC,
+        environments; ``"cpu"``: name of the processor; ``"cores"``: number of processors that this
+        process may use; ``"platform"``; ``"versions"``: of Python and of the packages by name, None
+        if one is not installed; ``"commit"``: of the checkout that this package is part of, ending
+        in ``-dirty`` if files have changed since, None outside of one; ``"date"``: today's, UTC,
         which is not a part of the id.
     """
     facts = {
@@ -64,7 +64,7 @@ def usable_cpus() -> int:
 
 
 def _cpu() -> str:
-    """Return the processor's name; on Linux `platform` knows no more than its architecture."""
+    """Return the processor's name; on Linux `platform` knows only its architecture."""
     try:
         lines = Path("/proc/cpuinfo").read_text("utf-8").splitlines()
     except OSError:
@@ -75,7 +75,7 @@ def _cpu() -> str:
 
 
 def _version(*distributions: str) -> str | None:
-    """Return the version of the first of these that is installed."""
+    """Return the version of the first installed distribution."""
     for distribution in distributions:
         try:
             return version(distribution)
@@ -85,9 +85,9 @@ def _version(*distributions: str) -> str | None:
 
 
 def _commit(file: Path) -> str | None:
-    """Return the commit of the checkout which a file is part of, None if it is of none.
+    """Return the commit of the checkout that a file is part of; None outside of a checkout.
 
-    A package installed somewhere below another project's checkout is not part of it: git has to
+    A package installed somewhere below another project's checkout is not part of it, so git must
     know the file itself.
     """
     git = shutil.which("git")
@@ -97,7 +97,7 @@ def _commit(file: Path) -> str | None:
 
 
 def _ask(git: str, file: Path, *arguments: str) -> str | None:
-    answer = subprocess.run(  # noqa: S603 - found by which
+    answer = subprocess.run(  # noqa: S603 - which found git
         [git, "-C", str(file.parent), *arguments],
         env={**os.environ, "GIT_OPTIONAL_LOCKS": "0"},  # somebody may be at work in the checkout
         capture_output=True,

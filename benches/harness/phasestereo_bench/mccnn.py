@@ -1,7 +1,8 @@
-"""MC-CNN-fast, a learned matching cost, with libSGM's optimization: the package `mccnn` of CNES.
+"""Matches with MC-CNN-fast, a learned cost of CNES's package `mccnn`, and libSGM's optimization.
 
-The weights are those in the package, Apache-2.0, and were trained on Middlebury's own pairs with
-their truth, the scenes of this benchmark among them: its figures are those of a training set.
+The weights come from the package, Apache-2.0. They were trained on Middlebury's own pairs with
+their truth, and the scenes of this benchmark are among them, so its figures are those of a training
+set.
 """
 
 from __future__ import annotations
@@ -25,13 +26,13 @@ SETTINGS: dict[str, Any] = {"weights": WEIGHTS, "P1": PENALTIES[0], "P2": PENALT
 _HOW = "which comes with: pip install './benches/harness[mccnn]'"
 
 _GRAY = np.array([0.299, 0.587, 0.114])
-_REACH = 5  # px: half of the 11 x 11 that a feature sees; maps are that much smaller
-_WORST = 1.0  # of costs, which are similarities from -1 to 1 with their sign changed
+_REACH = 5  # px: half of the 11 x 11 that a feature sees; maps are this much smaller
+_WORST = 1.0  # the worst cost; costs are similarities from -1 to 1 with their sign changed
 _EIGHT = ((0, 1), (1, 0), (1, 1), (1, -1), (0, -1), (-1, 0), (-1, -1), (-1, 1))
 
 
 def match_mccnn(left: Image, right: Image, num_disparities: int) -> Map:
-    """Match by MC-CNN-fast's costs along eight directions, to whole disparities.
+    """Match with MC-CNN-fast's costs along eight directions, to whole disparities.
 
     Raises
     ------
@@ -44,7 +45,7 @@ def match_mccnn(left: Image, right: Image, num_disparities: int) -> Map:
     path = str(weights.get_weights(WEIGHTS))
     cost = network.run_mc_cnn_fast(*gray, 1 - num_disparities, 0, path)  # from the largest to 0
 
-    # libSGM takes no NaN: places without a match cost the most, and are never chosen below.
+    # libSGM takes no NaN, so places without a match cost the most, and are never chosen below.
     outside = np.isnan(cost)
     cost[outside] = _WORST
 
@@ -61,7 +62,7 @@ def match_mccnn(left: Image, right: Image, num_disparities: int) -> Map:
 
 
 def needed() -> tuple[Any, Any, Any]:
-    """Return the modules that it takes.
+    """Return the modules that the match needs.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What a call costs: seconds, and how far it raises the memory that is resident."""
+"""Measures the seconds of a call, and the rise of the resident memory."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _STATUS, _RESET = Path("/proc/self/status"), Path("/proc/self/clear_refs")
 
 @dataclass(frozen=True, slots=True)
 class Measured(Generic[Answer]):
-    """What a call returned, its wall-clock seconds, and the rise of the peak of memory."""
+    """The result of a call, its wall-clock seconds, and the rise of the peak of memory."""
 
     answer: Answer
     seconds: float
@@ -26,18 +26,18 @@ class Measured(Generic[Answer]):
 
 
 def measured(call: Callable[[], Answer]) -> Measured[Answer]:
-    """Call, and measure time and memory meanwhile.
+    """Call a function, and measure its time and memory.
 
     Parameters
     ----------
     call
-        What to measure; it is called once.
+        Function to measure; it is called once.
 
     Returns
     -------
     Measured
         `peak_bytes` is the peak of the resident memory of the whole process during the call, less
-        what was resident before; None where the system does not report it (Linux does).
+        the memory that was resident before; None if the system does not report it (Linux does).
     """
     before = _restart_peak()
 
@@ -51,10 +51,10 @@ def measured(call: Callable[[], Answer]) -> Measured[Answer]:
 
 
 def _restart_peak() -> int | None:
-    """Let the peak begin anew and return it, bytes; None where the system cannot.
+    """Restart the peak and return it, bytes; None if the system cannot.
 
-    What was freed but kept for later would be filled without a rise, so it goes back first. What
-    is alive is not looked at again by later collections, which takes longer than a small match.
+    Freed memory that the process keeps would fill without a rise, so it goes back first. Later
+    collections skip living objects, because a look at them takes longer than a small match.
     """
     gc.collect()
     gc.freeze()

@@ -1,4 +1,4 @@
-"""Methods of matching by name: ours, baselines, OpenCV's, and whatever a user adds.
+"""Finds methods of matching by name: ours, baselines, OpenCV's, and those that a user adds.
 
 A method is a function ``(left, right, num_disparities) -> disparity``: images uint8 (H, W) or
 (H, W, 3) in, disparities of the left one out, float32 or float64 (H, W) in pixels, 0 to
@@ -32,7 +32,7 @@ from phasestereo_bench.arrays import Floats
 Matcher: TypeAlias = Callable[..., "Floats | tuple[Floats, Floats]"]
 
 TRUE_BLUR = "+true-blur"
-"""Ending of a method's name: the sharp image is blurred like the other one before it matches."""
+"""Ending of a method's name: the method blurs the sharp image like the other one first."""
 
 # Penalties are the best on 12 sharp Middlebury pairs, in gray levels and standard deviations; means
 # of bad-1.0 in %:  SAD            5: 21.4   10: 20.3   15: 20.1   20: 20.2
@@ -41,7 +41,8 @@ BASELINES: Mapping[str, Settings] = {
     "sad": replace(PRESETS["paper"], cost="sad", p1=15, p2=15),
     "nsad": replace(PRESETS["paper"], cost="nsad", p1=0.5, p2=0.5),
 }
-"""What phase codes are meant to replace, with the windows and the optimizer of ``"paper"``."""
+"""Costs that phase codes are meant to replace, with the windows and the optimizer of
+``"paper"``."""
 
 _OPENCV: Mapping[str, tuple[Matcher, Mapping[str, Any]]] = {
     "opencv:bm": (opencv.match_bm, opencv.BM),
@@ -67,17 +68,17 @@ class Method:
     Parameters
     ----------
     name
-        What records and tables call it.
+        Name of the method in records and tables.
     match
-        The function ``(left, right, num_disparities) -> disparity``, or a pair of it and of a
-        confidence.
+        The function ``(left, right, num_disparities) -> disparity``; it may also return a pair of a
+        disparity and a confidence.
     settings
-        What else there is to know about it, as JSON has it.
+        Other facts about the method, as JSON values.
     true_blur
-        Whether the sharp image of the pair is first convolved with the blur of the other one: what
-        a user could do who knew it.
+        Whether the sharp image of the pair is first convolved with the blur of the other one, as a
+        user who knew the blur could do.
     told
-        Whether it gets the range: also where that starts, if not at 0.
+        Whether it gets the range, and also its start if that is not 0.
     """
 
     name: str
@@ -92,24 +93,24 @@ class Method:
 
 
 def available() -> list[str]:
-    """Return the names of all methods that there are here, OpenCV's if it is installed."""
+    """Return the names of all available methods, with OpenCV's if it is installed."""
     return [*PRESETS, *BASELINES, *(_OPENCV if find_spec("cv2") else ())]
 
 
 def method(spec: str | Matcher | Method) -> Method:
-    """Return the method that a specification means.
+    """Return the method of a specification.
 
     Parameters
     ----------
     spec
-        The name of a preset or a baseline, settings of it replaced if need be:
+        The name of a preset or a baseline, with other settings if needed:
         ``"paper:neighborhood=11,window=9"``, ``"sad:p1=5,p2=8"``, and with
         ``"num_disparities=auto"`` given no range; ``"opencv:bm"``, ``"opencv:sgbm"``,
         ``"opencv:sgbm-3x3"`` or ``"opencv:sgbm-3way"``; a network by its file,
         ``"hitnet:FILE.onnx"``, ``"onnx:FILE.onnx"``, or ``"mccnn"``; any of these after
-        ``"prepared:"``, as ``"prepared:sgbm"``: on what `phasestereo.prepare` makes of the pair, of
-        which it is given no range; or after ``"fused:"``: as the second matcher of
-        `phasestereo.match`, which is given no range either; a program,
+        ``"prepared:"``, as ``"prepared:sgbm"``: on the pair that `phasestereo.prepare` makes
+        without a range; or after ``"fused:"``: as the second matcher of `phasestereo.match`, which
+        gets no range either; a program,
         ``"program:COMMAND {left} {right} {num_disparities} {output}"``;
         ``"package.module:function"``; any of these followed by ``"+true-blur"``. Or such a
         function itself; or a `Method`, returned as it is.
@@ -117,12 +118,12 @@ def method(spec: str | Matcher | Method) -> Method:
     Raises
     ------
     TypeError, ValueError
-        If there is no such method or setting, or the setting does not take the value, or a file
+        If there is no such method or setting, if the setting does not take the value, or if a file
         is not HITNet's.
     OSError
         If there is no such file.
     ImportError
-        If what it needs is not installed.
+        If a package that it needs is not installed.
     """
     if isinstance(spec, Method):
         return spec
@@ -142,7 +143,7 @@ def method(spec: str | Matcher | Method) -> Method:
 
 
 def present(specs: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Return the methods that can run here, and a sentence on each of the others.
+    """Return the methods that can run here, and a sentence on each other method.
 
     Raises
     ------
@@ -204,14 +205,14 @@ def _match(
     left: Image, right: Image, num_disparities: int, *, settings: Settings, ranged: bool
 ) -> Map | tuple[Map, Map]:
     count = num_disparities if ranged else None
-    with unwarned():  # a bad map is what its score says
+    with unwarned():  # the score shows how bad a map is
         result = match(left, right, num_disparities=count, settings=settings, threads=1)
 
     return result.disparity if result.confidence is None else (result.disparity, result.confidence)
 
 
 def _network(name: str, path: str) -> Method:
-    """Return a network in a file; its name is that of the file, without its folder."""
+    """Return a network from a file; its name is that of the file, without the folder."""
     stem = name.partition(":")[0]
     if not path:
         raise ValueError(f"method: got {name!r}; accepts {stem}:FILE.onnx")
@@ -225,7 +226,7 @@ def _network(name: str, path: str) -> Method:
 
 
 def _aided(name: str, rest: str) -> Method:
-    """Return a method on prepared pairs; OpenCV's may be named as `load_matcher` names them."""
+    """Return a method on prepared pairs; OpenCV's may have their names in `load_matcher`."""
     stem = name.partition(":")[0]
     if not rest:
         raise ValueError(f"method: got {name!r}; accepts {stem}:METHOD")
@@ -266,7 +267,7 @@ def _mccnn(name: str, rest: str) -> Method:
 
 
 def _program(_name: str, command: str) -> Method:
-    """Return a program; its name is that of its file, without its folder."""
+    """Return a program; its name is that of its file, without the folder."""
     program.require_places(command)
     label = f"program:{Path(command.split(maxsplit=1)[0]).name}"
     return Method(label, partial(program.match_program, command=command), {"command": command})
@@ -280,7 +281,8 @@ _FROM_OUTSIDE: Mapping[str, Callable[[str, str], Method]] = {
     "fused": _aided,
     "program": _program,
 }
-"""What makes methods of things that are no functions: called with the name, and what follows it."""
+"""Functions that make methods of things other than functions, from the name and the text after
+it."""
 
 
 def _parsed(overrides: str) -> dict[str, Any]:
@@ -292,7 +294,7 @@ def _parsed(overrides: str) -> dict[str, Any]:
             words[name.strip()] = []
         elif not words:
             raise ValueError(f"got {part!r}; accepts settings such as window=9")
-        # A part without an equals sign continues the values of the setting before it.
+        # A part without an equals sign continues the values of the previous setting.
         words[list(words)[-1]].append(as_value(value.strip()))
 
     return {name: tuple(values) if values[1:] else values[0] for name, values in words.items()}
@@ -313,7 +315,7 @@ def _imported(name: str) -> Method:
 
 
 def _module(function: Matcher) -> str:
-    """Return the name of a function's module; of a script that is run, what it could be."""
+    """Return the name of a function's module; for a script that runs, the name it would have."""
     script = getattr(sys.modules["__main__"], "__file__", None)
     if function.__module__ == "__main__" and script is not None:
         return Path(script).stem

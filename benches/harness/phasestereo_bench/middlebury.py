@@ -1,4 +1,4 @@
-"""The Middlebury harness: methods x scenes x degradations, a record of the metrics each."""
+"""Scores methods x scenes x degradations on Middlebury; each gets a record of its metrics."""
 
 from __future__ import annotations
 
@@ -51,27 +51,27 @@ def run_middlebury(
     workers: int | None = None,
     progress: Callable[[int, int], object] | None = None,
 ) -> list[dict[str, Any]]:
-    """Score methods on scenes of which one image is degraded.
+    """Score methods on scenes with one degraded image.
 
     Parameters
     ----------
     scenes
-        With truth, as `phasestereo_bench.datasets.find_scenes` returns them.
+        Scenes with truth, as `phasestereo_bench.datasets.find_scenes` returns them.
     methods
-        Names, functions ``(left, right, num_disparities) -> disparity``, or a pair of it and of a
-        confidence, or `Method`s, as `phasestereo_bench.method` takes them. Default: those of
-        `default_methods`. Cells of a function fail that other processes cannot import, unless
+        Names, functions ``(left, right, num_disparities) -> disparity`` (or a pair of a disparity
+        and a confidence), or `Method`s, as `phasestereo_bench.method` takes them. Default: those of
+        `default_methods`. If other processes cannot import a function, its cells fail, unless
         ``workers=0``.
     degradations
         Names of the suite, all of them by default.
     suite
         "one-sided-blur", "rigs", "rigs-2", or "sharp", whose only row is the pair as it is.
     sides
-        Which image is degraded: "left", "right" or both, one after the other; "alternating" is the
-        left one of every other scene. Default: alternating for rigs, else left.
+        Images to degrade: "left", "right" or both, one after the other; "alternating" is the left
+        one of every other scene. Default: alternating for rigs, else left.
     store
-        File of JSON lines which keeps every record as soon as it is there; a run goes on where an
-        earlier one with the same file stopped. None: keep nothing.
+        File of JSON lines that keeps every record as soon as its cell is done; a run continues
+        where an earlier run with the same file stopped. None: keep nothing.
     workers, progress
         As for `phasestereo_bench.run_jobs`.
 
@@ -80,20 +80,20 @@ def run_middlebury(
     list of dict
         A record per cell: "kind", "suite", "collection", "scene", "degradation", "side", "method"
         and "true_blur" name it; "status" is "ok" or "failed". With "ok" there are "v2"
-        (`MiddleburyV2`'s regions), "v3" (the other fields of `Score`), "d1", "epe" and "roc",
-        which is what `phasestereo.metrics.roc_area` says of the confidence (all four on the
-        non-occluded pixels), None where a mask or a confidence is missing or nothing has an
-        estimate; "num_disparities", "width" and "height"; the method's "settings"; "seconds" and
-        "peak_bytes" of the call of the method alone; "environment". Otherwise "error" says why: a
-        method that raises, or returns anything but floats of the image's size, or two of these,
-        fails its cell. A method with the true blur has no cell where the degradation has no kernel.
+        (`MiddleburyV2`'s regions), "v3" (the other fields of `Score`), "d1", "epe" and "roc", the
+        `phasestereo.metrics.roc_area` of the confidence (all four on the non-occluded pixels), None
+        if a mask or a confidence is missing or nothing has an estimate; "num_disparities", "width"
+        and "height"; the method's "settings"; "seconds" and "peak_bytes" of the call of the method
+        alone; "environment". Otherwise "error" gives the reason: a method that raises, or returns
+        anything but floats of the image's size, or two of these, fails its cell. A method with the
+        true blur has no cell where the degradation has no kernel.
 
     Raises
     ------
     TypeError, ValueError
         If an argument is wrong, a scene has no truth, or no cell is left.
     ImportError
-        If what a method needs is not installed.
+        If a package that a method needs is not installed.
     OSError, RuntimeError, KeyboardInterrupt
         As `phasestereo_bench.run_jobs`.
     """
@@ -115,7 +115,7 @@ def middlebury_jobs(
     suite: str = "one-sided-blur",
     sides: Iterable[str] | None = None,
 ) -> list[Job]:
-    """Return the jobs of `run_middlebury`, whose arguments these are, without running them."""
+    """Return the jobs of `run_middlebury`, which has the same arguments, without running them."""
     require_known("suite", [suite], SUITES)
     entrants = _entrants(default_methods(suite) if methods is None else methods)
     wanted = list(dict.fromkeys(sides or (usual_side(suite),)))
@@ -141,7 +141,7 @@ def middlebury_jobs(
 
 
 def default_methods(suite: str) -> list[str]:
-    """Return the methods of a suite that can run here: OpenCV's only if it is installed."""
+    """Return the methods of a suite that can run here, OpenCV's only if it is installed."""
     require_known("suite", [suite], SUITES)
 
     without_opencv = "opencv:sgbm" not in available()
@@ -151,7 +151,7 @@ def default_methods(suite: str) -> list[str]:
 
 
 def has_truth(scene: Scene) -> bool:
-    """Tell whether a scene can be scored at all."""
+    """Return whether a scene can be scored at all."""
     return (scene.folder / scene.layout.truth).is_file()
 
 
@@ -175,7 +175,7 @@ def score_case(case: Case, spec: str | Method) -> dict[str, Any]:
 
 
 class Matched(NamedTuple):
-    """What a method found, and what it took."""
+    """The result of a method, its time and its memory."""
 
     disparity: Floats
     confidence: Floats | None
@@ -185,7 +185,8 @@ class Matched(NamedTuple):
 
 def matched_pair(entrant: Method, pair: Pair) -> Matched:
     """Match a pair; see `matched`."""
-    # A range that does not start at 0 is taken off the images of those that know it.
+    # If the range does not start at 0, the pair is shifted by its start. Methods that know the
+    # start keep that pair; the others get the rig's own images.
     first = 0 if entrant.told else pair.first
     found = matched(entrant, pair.left, np.roll(pair.right, -first, axis=1), pair.num_disparities)
     return found._replace(disparity=found.disparity - first)
@@ -197,7 +198,7 @@ def matched(entrant: Method, left: Image, right: Image, num_disparities: int) ->
     Raises
     ------
     TypeError, ValueError
-        If that is anything but floats of the image's size, or two of these.
+        If the result is anything but floats of the image's size, or two of these.
     """
     done = measured(lambda: entrant.match(left, right, num_disparities))
     answer = done.answer if isinstance(done.answer, tuple) else (done.answer, None)
@@ -206,7 +207,7 @@ def matched(entrant: Method, left: Image, right: Image, num_disparities: int) ->
 
 
 def wrong_shares(pair: Pair, spec: str | Method) -> dict[str, float]:
-    """Match a pair; return the shares of its visible pixels that are off, %: "bad_1", "bad_2"."""
+    """Match a pair; return the shares of wrong visible pixels, %: "bad_1", "bad_2"."""
     if pair.truth is None:
         raise ValueError(f"{pair.name}: the pair has no truth")
     found, mask = matched_pair(method(spec), pair).disparity, pair.masks["nonocc"]
@@ -274,7 +275,7 @@ def _key(case: Case, entrant: Method) -> dict[str, str | int | float | bool | No
 
 
 def _entrants(specs: Specs) -> list[tuple[Method, str | Method]]:
-    """Return the methods by name, beside what other processes make them of: the name is lighter."""
+    """Return the methods by name, with what other processes make them from: the name is lighter."""
     if isinstance(specs, str) or not hasattr(specs, "__iter__"):
         raise TypeError(f"methods: got {type(specs).__name__}; accepts a list of methods")
 

@@ -1,6 +1,6 @@
-"""HITNet's ONNX file as it was published, and the licenses of others.
+"""Identifies HITNet's published ONNX file, and reads the licenses of other networks.
 
-No weights come with this package: they are given by path. `phasestereo.matchers.onnx` runs them.
+This package contains no weights: users give their path. `phasestereo.matchers.onnx` runs them.
 """
 
 from __future__ import annotations
@@ -12,7 +12,8 @@ from pathlib import Path
 from phasestereo.matchers.onnx import opened
 
 HITNET_SHA256 = "5dcb177e76698e773c7c31404a5b62b08723f954016446c2d9765a78d1b8a3b9"
-"""Of the ONNX file of HITNet's weights for ETH3D (Tankovich et al., CVPR 2021; Google Research)."""
+"""Digest of the ONNX file of HITNet's weights for ETH3D (Tankovich et al., CVPR 2021; Google
+Research)."""
 
 
 def require_hitnet(path: str) -> None:
@@ -23,7 +24,7 @@ def require_hitnet(path: str) -> None:
     OSError
         If there is no such file.
     ValueError
-        If its SHA-256 is another one.
+        If the file has another SHA-256.
     """
     digest = digest_of(path)
     if digest != HITNET_SHA256:
@@ -34,7 +35,7 @@ def require_hitnet(path: str) -> None:
 
 
 def license_of(path: str) -> str:
-    """Return the license of a network: what its file says, or the first line of one beside it."""
+    """Return a network's license from its file, or the first line of a license file beside it."""
     said = opened(path, threads=1).get_modelmeta().custom_metadata_map
     texts = (file.read_text("utf-8", "replace") for file in Path(path).parent.glob("LICENSE*"))
     lines = (line.strip() for text in texts for line in text.splitlines() if line.strip())
@@ -43,5 +44,5 @@ def license_of(path: str) -> str:
 
 @lru_cache(4)
 def digest_of(path: str) -> str:
-    """Return the SHA-256 of a file, as hexadecimal digits; OSError if it is missing."""
+    """Return the SHA-256 of a file in hexadecimal digits; raise OSError if the file is missing."""
     return hashlib.sha256(Path(path).read_bytes()).hexdigest()

@@ -1,4 +1,4 @@
-"""Programs as methods: two PNG files and the number of disparities in, a PFM file out."""
+"""Runs programs as methods: two PNG files and the number of disparities in, a PFM file out."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ PLACES = ("{left}", "{right}", "{num_disparities}", "{output}")
 
 
 def match_program(left: Image, right: Image, num_disparities: int, *, command: str) -> Map:
-    """Match by a program, which is started anew for every pair.
+    """Match with a program, which starts again for every pair.
 
     Parameters
     ----------
@@ -25,9 +25,9 @@ def match_program(left: Image, right: Image, num_disparities: int, *, command: s
     Raises
     ------
     OSError
-        If it cannot be started, or has written nothing.
+        If it cannot start, or has written nothing.
     ValueError
-        If it fails, or what it has written is not a disparity map.
+        If it fails, or its output is not a disparity map.
     """
     with TemporaryDirectory() as folder:
         root = Path(folder)
@@ -46,7 +46,7 @@ def match_program(left: Image, right: Image, num_disparities: int, *, command: s
 
 
 def require_places(command: str) -> None:
-    """Refuse a command line that has no place for the files.
+    """Refuse a command line without a place for the files.
 
     Raises
     ------

@@ -25,12 +25,12 @@ class Job:
     Parameters
     ----------
     key
-        What identifies the cell; jobs with equal keys are the same cell.
+        Fields that identify the cell; jobs with equal keys are the same cell.
     work
-        What to call: a function of a module, since another process has to find it. It returns the
-        record, as JSON has it.
+        Function to call; it must be in a module, because another process has to find it. It returns
+        the record as JSON values.
     arguments
-        Keyword arguments for it, which can be pickled.
+        Keyword arguments for it that can be pickled.
     """
 
     key: Mapping[str, str | int | float | bool | None]
@@ -47,38 +47,39 @@ def run_jobs(
 ) -> list[dict[str, Any]]:
     """Run jobs, and keep a record of each in a file of JSON lines.
 
-    A job is left out where the file has it from an earlier run; jobs that failed are tried again.
-    Every record is in the file as soon as its job is done. One that raises, or whose process dies,
-    is recorded as failed, and the others go on.
+    A job is left out if the file has it from an earlier run; failed jobs run again. Every record is
+    in the file as soon as its job is done. If a job raises or its process dies, its record says
+    failed, and the others go on.
 
     Parameters
     ----------
     jobs
-        What to run.
+        Jobs to run.
     store
-        The file, made if it does not exist, else appended to.
+        File to append to; it is created if it does not exist.
     workers
-        Number of processes, in which every library is held to one thread; None: one
-        for each processor. 0 runs the jobs in this very process, one after another and with as
-        many threads as they like: for work that no other process can import, such as functions of
-        a notebook; a crash then ends everything.
+        Number of processes, each with every library held to one thread; None: one for each
+        processor. 0 runs the jobs in this process, one after another and without a limit on
+        threads: for work that no other process can import, such as functions of a notebook; a crash
+        then ends everything.
     progress
-        Called as ``progress(done, total)`` at the start and after every job, of those to be run.
+        Called as ``progress(done, total)`` at the start and after every job; both count the jobs to
+        run.
 
     Returns
     -------
     list of dict
         The records of all jobs, in their order: ``{**key, "status": "ok", **returned, "seconds",
-        "peak_bytes", "environment"}``, where what the work returns as seconds and peak_bytes takes
-        precedence over what it took as a whole; or ``{**key, "status": "failed", "error",
-        "traceback", "environment"}``. Nothing that the work returns replaces a field of the key.
+        "peak_bytes", "environment"}``, where seconds and peak_bytes from the work take precedence
+        over those of the whole job; or ``{**key, "status": "failed", "error", "traceback",
+        "environment"}``. The record that the work returns replaces no field of the key.
 
     Raises
     ------
     OSError
         If the file cannot be read or written.
     TypeError, ValueError
-        If an argument is wrong, or the file is not one of results.
+        If an argument is wrong, or the file is not a file of results.
     RuntimeError
         If the processes cannot start.
     KeyboardInterrupt
@@ -98,7 +99,7 @@ def run_jobs(
         with closing(_outcomes(todo, count)) as outcomes:
             for done, (number, outcome) in enumerate(outcomes, start=1):
                 key = todo[number].key
-                # The key comes first for readers, and again so that no result can replace it.
+                # The key comes first for readers, and again last, so that no result can replace it.
                 record = {**key, **outcome, **key, "environment": here["id"]}
                 append(record)
                 records[_cell(todo[number])] = record
@@ -109,7 +110,7 @@ def run_jobs(
 
 
 def finished(jobs: Sequence[Job], lines: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Return the good records which the lines of a store have of these jobs."""
+    """Return the good records of these jobs from the lines of a store."""
     records = _finished(jobs, lines)
     return [records[cell] for cell in map(_cell, jobs) if cell in records]
 
@@ -117,7 +118,7 @@ def finished(jobs: Sequence[Job], lines: Iterable[Mapping[str, Any]]) -> list[di
 def _finished(
     jobs: Iterable[Job], lines: Iterable[Mapping[str, Any]]
 ) -> dict[CellKey, dict[str, Any]]:
-    """Return the good records by cell, identified by the fields of the keys of these jobs."""
+    """Return the good records by cell; the fields of these jobs' keys identify a cell."""
     shapes = {tuple(sorted(job.key)) for job in jobs}
     return {
         (names, _values(line, names)): dict(line)
@@ -148,7 +149,7 @@ def _worker_count(workers: int | None) -> int:
 
 
 def _outcomes(jobs: Sequence[Job], workers: int) -> Outcomes:
-    """Yield the number and the outcome of every job as it is done."""
+    """Yield the number and the outcome of every job as soon as it is done."""
     if workers == 0:
         yield from ((number, perform(job.work, job.arguments)) for number, job in enumerate(jobs))
         return

@@ -1,4 +1,4 @@
-"""Files of results: an environment, then records, one JSON object a line; appended to."""
+"""Reads and appends files of results: an environment, then records, one JSON object a line."""
 
 from __future__ import annotations
 
@@ -17,26 +17,26 @@ _CELL = (
     *("suite", "collection", "scene", "degradation", "side", "method"),
     *("family", "size", "angle", "noise"),
 )
-"""The fields that identify a record, of whatever kind it is."""
+"""The fields that identify a record of any kind."""
 
 
 def read_store(path: str | os.PathLike[str]) -> list[dict[str, Any]]:
     """Read all lines of a store: environments and records, in order of their writing.
 
-    A cell that failed and was tried again has several records, the last of which counts. A last
-    line which the end of a run has torn is left out.
+    A cell that failed and ran again has several records; the last one counts. If the end of a run
+    cut the last line, it is left out.
 
     Raises
     ------
     OSError
         If the file cannot be read.
     ValueError
-        If it is not a store, or damaged other than in its last line; the message names the line.
+        If it is not a store, or damaged before its last line; the message names the line.
     """
     lines = []
     for number, line in read_lines(Path(path)):
         record = decode(line)
-        # What a store begins with distinguishes it from files that must not be touched.
+        # The first line of a store distinguishes it from files that must not be touched.
         if number == 1 and (record is None or record.get("kind") != "environment"):
             raise ValueError(f"{path}: not a file of benchmark results")
         if record is None:
@@ -67,14 +67,14 @@ def read_good(path: str | os.PathLike[str]) -> tuple[list[Record], list[Record]]
 def appending(
     path: str | os.PathLike[str],
 ) -> Iterator[tuple[list[dict[str, Any]], Callable[[Mapping[str, Any]], None]]]:
-    """Open a store to go on with it, or begin one.
+    """Open a store to continue it, or begin one.
 
     Yields
     ------
     lines
-        Those it holds, as of `read_store`.
+        The lines that it holds, as `read_store` returns them.
     append
-        Writes one more; it is in the file when the call returns.
+        A function that writes one more line; the line is in the file when the call returns.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Submissions: the files for benchmark sites, for scenes with and without a truth.
+"""Writes the files for benchmark sites, for scenes with and without a truth.
 
 A row of `SITES` holds the demands of a site; the files of one site and size become one zip.
 """
@@ -25,19 +25,19 @@ _NAME = re.compile(r"[A-Za-z0-9_-]+")
 
 @dataclass(frozen=True, slots=True)
 class Site:
-    """What a benchmark takes.
+    """The files that a benchmark takes.
 
     Attributes
     ----------
     collection
-        Pattern of the collections that it has; its first group, if any, is the size.
+        Pattern of its collections; the first group, if any, is the size.
     scenes
-        How many scenes a whole submission has, by the parts of which one is enough.
+        Number of scenes in a whole submission, by part; one part is enough.
     disparity, time
-        Files of a scene below the root of the zip, with {part}, {scene}, {name}; of Middlebury's
-        sparse maps, which leave pixels out, "_s" comes after the name.
+        Files of a scene below the root of the zip, with {part}, {scene}, {name}; for Middlebury's
+        sparse maps, which leave pixels out, "_s" follows the name.
     seconds
-        What is in the file of the time.
+        Contents of the file of the time.
     """
 
     collection: str
@@ -75,7 +75,7 @@ def submit(
     *,
     progress: Callable[[int, int], object] | None = None,
 ) -> tuple[dict[Path, int], list[str]]:
-    """Match scenes, one after the other, and write what their sites take.
+    """Match scenes, one after the other, and write the files that their sites take.
 
     Parameters
     ----------
@@ -84,17 +84,17 @@ def submit(
     method
         As `phasestereo_bench.method` takes it.
     name
-        What the site is to call it: letters, digits, - and _.
+        Name of the method on the site: letters, digits, - and _.
     output
-        Folder for the files, and for a zip of those of each site and size.
+        Folder for the files, and for one zip per site and size.
     progress
         Called as ``progress(done, total)``.
 
     Returns
     -------
     tuple
-        How many scenes each zip has, and what is to be said: of scenes that were left out, and of
-        sites that take more scenes.
+        The number of scenes in each zip, and messages: on scenes that were left out, and on sites
+        that take more scenes.
 
     Raises
     ------
@@ -152,7 +152,7 @@ def _site_of(scene: Scene) -> tuple[str, Site] | None:
 
 
 def _file(folder: Path, inside: str, files: dict[str, Path]) -> Path:
-    """Return the path of a file of a zip; its folder is made."""
+    """Return the path of a file of a zip; make its folder."""
     files[inside] = folder / inside
     files[inside].parent.mkdir(parents=True, exist_ok=True)
     return files[inside]

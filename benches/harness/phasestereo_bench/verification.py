@@ -1,4 +1,4 @@
-"""The quality of a second opinion: maps of other matchers, judged by `phasestereo.verify`.
+"""Measures how well `phasestereo.verify` judges the maps of other matchers.
 
 Only pixels with a known truth count. A disparity is wrong if it is off by more than 1 px.
 """
@@ -33,31 +33,31 @@ CONDITIONS: Mapping[str, str] = {
 """The degradations of pairs, and the suite of each."""
 
 _WRONG = 1.0  # px
-_DIFFERENT, _CONFIDENT = 1.5, 0.8  # a map refuted by disagreement alone
+_DIFFERENT, _CONFIDENT = 1.5, 0.8  # bounds that refute a map by disagreement alone
 
 
 @dataclass(frozen=True, slots=True)
 class Opinion:
-    """Shares of the pixels of a map by what was said of them, 0 to 1; NaN where there are none.
+    """Shares of the pixels of a map by their verdict, 0 to 1; NaN without any.
 
     Attributes
     ----------
     wrong
-        Of the visible pixels those that are wrong.
+        Share of the visible pixels that are wrong.
     refuted_wrong, refuted_right
-        Of the wrong and of the right ones those that are refuted.
+        Shares of the wrong and of the right pixels that are refuted.
     differ_wrong, differ_right
-        The same by disagreement alone: a confident match is more than 1.5 px away.
+        The same shares by disagreement alone: a confident match is more than 1.5 px away.
     better
-        Of the refuted ones those whose better disparity is right.
+        Share of the refuted pixels whose better disparity is right.
     supported, supported_wrong
-        Of the visible pixels those that are supported, and of these the wrong ones.
+        Share of the visible pixels that are supported, and share of these that are wrong.
     refuted_hidden
-        Of the right ones that the other image does not see those that are refuted.
+        Share of the right pixels hidden in the other image that are refuted.
     area
         Area under the ROC curve of the confidences of the visible pixels.
     off
-        By how much their mean is off the share that is right.
+        Difference between the mean of the confidences and the share of right pixels.
     """
 
     wrong: float

@@ -1,4 +1,4 @@
-"""Jobs, done in this process or in others, which have every library on a single thread."""
+"""Does jobs in this process, or in others that hold every library to a single thread."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from phasestereo_large.processes import Processes, local
 Work = Callable[..., Mapping[str, Any]]
 JobFields = dict[str, Any]
 
-# Read by the libraries as they load, so they must be set before the process starts.
+# The libraries read these as they load, so set them before the process starts.
 _SINGLE = (
     "OMP_NUM_THREADS",
     "OPENBLAS_NUM_THREADS",
@@ -56,26 +56,26 @@ def perform(work: Work, arguments: Mapping[str, Any]) -> JobFields:
     -------
     dict
         ``"status"``: ``"ok"``, what the work returned, ``"seconds"`` and ``"peak_bytes"``; or
-        ``"status"``: ``"failed"``, ``"error"`` and ``"traceback"``. Fit for JSON: numbers that it
-        does not have, NaN and infinity, have become None.
+        ``"status"``: ``"failed"``, ``"error"`` and ``"traceback"``. All values fit JSON: NaN and
+        infinity, which JSON does not have, become None.
     """
     try:
         done = measured(lambda: work(**arguments))
         cost = {"seconds": done.seconds, "peak_bytes": done.peak_bytes}
         outcome: JobFields = as_json({"status": "ok", **cost, **done.answer})
         json.dumps(outcome)
-    except Exception as error:  # noqa: BLE001 - whatever a matcher may raise fails its cell alone
+    except Exception as error:  # noqa: BLE001 - an error of a matcher fails only its cell
         return failure(error)
     return outcome
 
 
 def perform_alone(work: Work, arguments: Mapping[str, Any]) -> JobFields:
-    """Do a job in a fresh process, which ends with it.
+    """Do a job in a fresh process, which ends with the job.
 
     Returns
     -------
     dict
-        As `perform`; ``"status"``: ``"failed"`` and ``"error"`` where the process died.
+        As `perform`; ``"status"``: ``"failed"`` and ``"error"`` if the process died.
     """
     with working(1) as processes:
         processes.submit("", perform, work, arguments)
