@@ -204,11 +204,11 @@ class BlurVerdict:
     size_error
         Error of the size in pixels; None if it has no meaning.
     size
-        Whether that is little enough.
+        Whether the size is close enough.
     angle_error
         Error of the angle in degrees, 0 to 90; None if it has no meaning.
     angle
-        Whether that is little enough.
+        Whether the angle is close enough.
     single
         Whether the estimate found only this kind of blur.
     """

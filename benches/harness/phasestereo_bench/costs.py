@@ -1,4 +1,4 @@
-"""Measures the cost of a match: seconds and memory, with one method on one thread at a time."""
+"""Measures seconds and memory of a match, with the method alone on the machine on one thread."""
 
 from __future__ import annotations
 

@@ -287,7 +287,7 @@ class Scene:
     collection
         The collection it is in, such as "scenes2001" or "scenes2005/ThirdSize".
     folder
-        Where its files are.
+        Folder of its files.
     layout
         The names of these files, and the code of the truth.
     """

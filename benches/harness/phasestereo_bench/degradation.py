@@ -91,7 +91,7 @@ def motion_psf(length: float, angle: float = 0.0) -> Kernel:
         Length in pixels, 1 or more; 1 gives the identity.
     angle
         Direction in degrees, any finite number: 0 is along x; positive angles turn from x (right)
-        towards y (down), clockwise as the image is displayed, so 90 is along y.
+        toward y (down), clockwise as the image is displayed, so 90 is along y.
 
     Returns
     -------

@@ -35,7 +35,7 @@ class RigRecording:
 
     @property
     def name(self) -> str:
-        """What tables call it."""
+        """Name of the recording in tables."""
         return self.folder.name
 
 

@@ -73,7 +73,7 @@ def render_pair(
     width = as_integer("width", width, least=MIN_SIDE, most=MAX_SIDE)
     count = as_integer("num_disparities", num_disparities, least=MIN_DISPARITIES, most=width // 2)
 
-    # The scene and the noise of either view have generators of their own.
+    # The scene and the noise of either view have their own generators.
     scene_seed, *noise_seeds = np.random.SeedSequence(seed).spawn(3)
     camera = Camera(height=height, width=width)
     scene = furnish(np.random.default_rng(scene_seed), camera)

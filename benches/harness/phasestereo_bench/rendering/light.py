@@ -26,7 +26,7 @@ VIGNETTE = 0.2  # share of the light lost in the corners
 GAMMA = 2.2
 MIDDLE_GRAY = 0.42  # of white, after gamma
 
-SUN: Vector = (-0.769, 0.577, -0.275)  # unit vector towards it: left, above, a little in front
+SUN: Vector = (-0.769, 0.577, -0.275)  # unit vector toward it: left, above, a little in front
 SUNLIGHT, SKYLIGHT = 1.3, 0.4
 SUN_RAYS = 7
 LIGHTMAP_SIZE = 512

@@ -28,7 +28,7 @@ thin legs; shades, cylinders and balls before a wall."""
 
 PAINTS: list[Color] = [(214, 210, 200), (196, 202, 206), (222, 212, 186), (176, 180, 172)]
 STEEL: Color = (78, 78, 82)
-TEXELS = 1024  # of every tile, whatever the camera
+TEXELS = 1024  # of every tile, for any camera
 DETAIL_SIZE = 0.3  # world units of the tile of finest detail: texels of 0.3 mm
 PLAIN_SIZE = 1.3  # the same of plain surfaces
 GRAIN = 0.004, 0.03  # log brightness: standard deviations of the grain of a plain surface
@@ -130,7 +130,7 @@ def _table(maker: _Maker) -> tuple[list[Patch], list[Surface]]:
 
 def _room(maker: _Maker) -> tuple[list[Patch], list[Surface]]:
     """Furnish a room of three walls: a table and a stool, boxes, something printed, a lamp."""
-    side = int(maker.rng.choice([-1, 1]))  # of the wall that is seen at a slant
+    side = int(maker.rng.choice([-1, 1]))  # side of the wall seen at a slant
     floor = Patch((0.0, 0.0, 4.0), EAST, TOWARDS, 8.0, 5.0)
     back = upright((0.0, 1.5, maker.between(3.6, 4.6)), maker.between(-0.25, 0.25), 8.0, 1.5)
     flank = upright((side * maker.between(1.5, 1.9), 1.5, 3.0), -side * 1.4, 5.0, 1.5)

@@ -26,7 +26,7 @@ class Metric(NamedTuple):
 
     @property
     def better(self) -> str:
-        """Which values are better, in words."""
+        """The better values, in words."""
         return f"{'more' if self.more else 'less'} is better"
 
     @property

@@ -72,7 +72,7 @@ def measure(pair: GrayPair, preset: str, threads: str, rounds: int) -> dict[str,
     Parameters
     ----------
     pair
-        What to match.
+        The pair to match.
     preset
         One of `OURS`.
     threads

@@ -120,7 +120,7 @@ class RoomCase:
 
     @property
     def name(self) -> str:
-        """What the scene is called."""
+        """Name of the scene."""
         return f"{self.kind}-{self.seed}"
 
     def load(self) -> Task:
@@ -139,7 +139,7 @@ class SceneCase:
 
     @property
     def name(self) -> str:
-        """What the scene is called."""
+        """Name of the scene."""
         return str(self.scene)
 
     def load(self) -> Task:
@@ -172,7 +172,7 @@ class TableCase:
 
     @property
     def name(self) -> str:
-        """What the scene is called."""
+        """Name of the scene."""
         return f"{_TABLE_FOLDER}/{self.folder.name}"
 
     def load(self) -> Task:
