@@ -18,6 +18,7 @@ from phasestereo_bench.confidence.learning import (
 )
 from phasestereo_bench.confidence.observation import (
     ERRORS,
+    KINDS,
     ODDS,
     PRESETS,
     confidence_jobs,
@@ -37,7 +38,7 @@ def made_up(seed: int) -> dict[str, object]:
     """Return the record of a pair whose raw confidences are too high, most so where it failed."""
     rng = np.random.default_rng(seed)
     quality = rng.uniform(-1, 3)
-    counts = np.zeros((2, len(ODDS) + 1, len(ERRORS) + 1), int)
+    counts = np.zeros((KINDS, len(ODDS) + 1, len(ERRORS) + 1), int)
     for place in range(10, len(ODDS) - 4):
         right = float(sigmoid(np.array(0.5 * ODDS[place] + quality - 1)))
         within = rng.multinomial(round(400 * right), np.full(12, 1 / 12))
@@ -74,7 +75,8 @@ def test_counts_are_those_of_the_match() -> None:
     record = observed(pair, num_disparities=24)
     (one,) = observed_of([{"scene": "rendered", "faults": "sharp", **record}])
 
-    assert one.counts.sum() == np.count_nonzero(pair.masks["nonocc"])
+    assert one.counts.sum() == pair.left.shape[0] * pair.left.shape[1], "whoever sees the pixel"
+    assert (one.counts.sum(axis=(1, 2)) > 0).all(), "own, beside an outline, filled"
     assert 0 < one.wrong < 0.5
     assert (one.traits[0], record["tally"][4]) == (1, pair.left.shape[0] * pair.left.shape[1])
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import astuple, replace
-from functools import cache
+from functools import cache, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -124,9 +124,18 @@ def test_disparities_lie_between_whole_pixels() -> None:
 # --- confidence ---
 
 
-@pytest.mark.parametrize("name", ["tsukuba", "venus"])
-def test_confidence_tells_right_from_wrong_better_than_the_margin(data: Path, name: str) -> None:
-    """The margin is by how much the second best mean of paths is above the best, relative to it."""
+def test_confidence_separates_right_from_wrong_better_than_the_margin(data: Path) -> None:
+    areas = np.mean([roc_areas(data, name) for name in ("tsukuba", "venus", "cones")], axis=0)
+
+    assert areas[0] > areas[1] + 0.02
+    assert areas[0] > 0.9
+
+
+def roc_areas(data: Path, name: str) -> tuple[float, float]:
+    """Return the areas of the confidence and of the margin.
+
+    The margin is by how much the second best mean of paths is above the best, relative to it.
+    """
     pair = find_scene(data / "middlebury", name).load()
 
     settings = replace(
@@ -149,13 +158,10 @@ def test_confidence_tells_right_from_wrong_better_than_the_margin(data: Path, na
 
     assert pair.truth is not None
     assert result.confidence is not None
-    areas = [
-        roc_area(measure, result.disparity, pair.truth, mask=pair.masks["nonocc"])
-        for measure in (result.confidence, margin)
-    ]
-
-    assert areas[0] > areas[1] + 0.005
-    assert areas[0] > 0.86
+    area = partial(
+        roc_area, estimate=result.disparity, truth=pair.truth, mask=pair.masks["nonocc"]
+    )
+    return area(result.confidence), area(margin)
 
 
 @pytest.mark.parametrize("name", BAD_SHARP)
@@ -169,7 +175,7 @@ def test_confidences_are_about_the_share_of_right_disparities(data: Path, name: 
     mask = pair.masks["nonocc"]
     right = 1 - bad(pair, result.disparity) / 100
     assert float(result.confidence[mask].mean()) == pytest.approx(right, abs=0.06)
-    assert roc_area(result.confidence, result.disparity, pair.truth, mask=mask) > 0.85
+    assert roc_area(result.confidence, result.disparity, pair.truth, mask=mask) > 0.84
 
 
 CALIBRATED_UNDER = "sharp", "noise 20", "jpeg 30", "both disk 3", "depth 8 opposite", "motion 30"

@@ -858,8 +858,15 @@ pub fn calibrated(
         let raw = if is_seen { map.confidence.row(y)[x] } else { 0.0 };
         let step = ((raw * 1024.0).floor() as usize).min(1023);
         let l = log_odds((step as f64 + 0.5) / 1024.0);
+        let is_outline = |left: usize| {
+            let row = map.disparity.row(y);
+            left + 1 < cols && (row[left + 1] - row[left]).abs() > 1.0
+        };
+        let is_beside = (x.saturating_sub(8)..=x + 8).any(is_outline);
         let [height, slope] = if is_filled {
-            [weighed(0) + weighed(2), weighed(1) + weighed(3)]
+            [weighed(0) + weighed(3), weighed(1) + weighed(4)]
+        } else if is_beside {
+            [weighed(0) + weighed(2), weighed(1)]
         } else {
             [weighed(0), weighed(1)]
         };

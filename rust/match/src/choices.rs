@@ -215,6 +215,12 @@ choices! {
     /// Rows from one sampled row to the next.
     SAMPLE_PERIOD: usize = 64, in "rows", evidence "all rows take a fifth longer";
 
+    /// Columns on either side of a jump whose disparities are less sure than they seem.
+    OUTLINE_REACH: usize = 8, in "pixels",
+        evidence "of 576 spoiled pairs, scenes left out, the mean logarithmic loss of confidences is 0.3146 without \
+               outlines, 0.3143, 0.3136 and 0.3117 with 2, 4 and 8; within 4 pixels of an outline 0.042 too much is \
+               claimed without, 0.017 too little with 8";
+
     /// Images up to this height are summed whole.
     FEW_ROWS: usize = 768, in "rows", evidence "not swept";
 

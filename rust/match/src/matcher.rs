@@ -240,7 +240,7 @@ impl Matcher {
         self.pool.install(|| {
             let tally = section.tally.or_else(|| raw.tally(pair.candidates()));
             let faults = Faults::of_pair(pair);
-            raw.calibrated(tally, faults, settings.optimizer)
+            raw.calibrated(tally, faults, settings.optimizer, execution.level)
         })
     }
 
@@ -517,10 +517,16 @@ impl Disparity {
     }
 
     /// Calibrates raw confidences, if any, by the sums over the whole map.
-    fn calibrated(mut self, tally: Option<Tally>, faults: Faults, optimizer: Optimizer) -> Result<Self> {
+    fn calibrated(
+        mut self,
+        tally: Option<Tally>,
+        faults: Faults,
+        optimizer: Optimizer,
+        level: Level,
+    ) -> Result<Self> {
         if let (Some(tally), Some(confidence)) = (tally, &mut self.confidence) {
             let calibration = ConfidenceCalibration::new(&traits(tally, faults), Weights::of(optimizer));
-            let bars = calibration.apply(confidence, &self.disparity, &self.flags)?;
+            let bars = calibration.apply(confidence, &self.disparity, &self.flags, level)?;
             self.uncertainty = Some(bars);
         }
 

@@ -2,8 +2,8 @@
 
 Every scene is matched as it is, under faults of the suites, under two of them in a row, and with a
 range that is too short. Of each match remain the tally and the noise that the core's calibration
-looks at, and a table of counts: pixels that both images see, by whether they are filled, by their
-raw confidence and by their error.
+looks at, and a table of counts: all pixels with a known disparity, also those that one camera alone
+sees, by their kind (own, own beside an outline, filled), their raw confidence and their error.
 """
 
 from __future__ import annotations
@@ -13,10 +13,13 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from phasestereo._core import match_raw
+from phasestereo._images import as_pair
 from phasestereo.result import Flag
+from phasestereo_bench.arrays import Map, Mask
 from phasestereo_bench.cases import SUITES, load
 from phasestereo_bench.datasets import Pair, Scene
 from phasestereo_bench.rendering import render_pair
@@ -30,6 +33,10 @@ _RIGHT = 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.6, 0.7, 0.85, 1
 _WRONG = 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8, 10, 13, 16, 20, 25, 32, 40, 50, 64
 ERRORS = np.array([*_RIGHT, *_WRONG])
 """Edges of the errors, px; smaller and larger ones have a class of their own each."""
+
+KINDS = 3
+"""Kinds of disparities: a pixel's own; its own, beside an outline; filled."""
+_JUMP, _REACH = 1.0, 8  # px, as the core's: an outline is a jump in the row within reach
 
 PRESETS = "robust", "fast", "paper"
 """Those with weights of their own, in the order in which the core has them."""
@@ -126,19 +133,21 @@ def observed(pair: Pair, *, preset: str = "robust", **search: Any) -> dict[str, 
 
     options = {"preset": preset, "confidence": True, **search}
     statistics = pair_statistics(read, size, threads=1, **options)
-    images = np.ascontiguousarray(pair.left), np.ascontiguousarray(pair.right)
+    images = as_pair(np.ascontiguousarray(pair.left), np.ascontiguousarray(pair.right))
     found, _ = match_raw(images, (None, None), statistics, 0, (0, size[0]), 1)
     assert found.confidence is not None  # noqa: S101 - they were asked for
 
-    counted = pair.masks["nonocc"] & np.isfinite(found.disparity)
-    error = np.abs(found.disparity - _truth(pair))[counted]
+    truth = _truth(pair)
+    counted = np.isfinite(truth) & np.isfinite(found.disparity)
+    error = np.abs(found.disparity - truth)[counted]
     raw = found.confidence[counted].astype(np.float64).clip(1e-4, 1 - 1e-4)
-    filled = (found.flags[counted] & Flag.FILLED) != 0
+    own = _beside_outlines(found.disparity).astype(int)
+    kind = np.where(found.flags & Flag.FILLED, KINDS - 1, own)[counted]
 
     compensation = statistics.blur_compensation
     place = np.searchsorted(ODDS, np.log(raw / (1 - raw)))
-    counts = np.zeros((2, len(ODDS) + 1, len(ERRORS) + 1), int)
-    np.add.at(counts, (filled.astype(int), place, np.searchsorted(ERRORS, error)), 1)
+    counts = np.zeros((KINDS, len(ODDS) + 1, len(ERRORS) + 1), int)
+    np.add.at(counts, (kind, place, np.searchsorted(ERRORS, error)), 1)
 
     return {
         "tally": list(statistics.tally or ()),
@@ -148,6 +157,12 @@ def observed(pair: Pair, *, preset: str = "robust", **search: Any) -> dict[str, 
         and any(taps is not None for both in compensation.kernels for taps in both),
         "counts": counts.ravel().tolist(),
     }
+
+
+def _beside_outlines(disparity: Map) -> Mask:
+    """Mark the pixels with a jump of the disparities within reach in their row."""
+    jumps = np.pad(np.abs(np.diff(disparity, axis=1)) > _JUMP, ((0, 0), (_REACH, _REACH + 1)))
+    return sliding_window_view(jumps, 2 * _REACH + 1, axis=1).any(axis=2)
 
 
 def _spoiled(pair: Pair, fault: Any, side: str) -> Pair:

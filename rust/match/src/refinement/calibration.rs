@@ -3,20 +3,23 @@
 //! Disparities with a raw confidence of 0.8 are right in 95 % of the pixels of a sharp pair, but in half of
 //! those of a pair that has failed. Traits of the pair distinguish the two, above all the mean of the raw
 //! confidences themselves. So straight lines map the logarithms of the odds; their slopes and heights depend
-//! on the traits, with one line for a pixel's own disparity and one for filled ones:
+//! on the traits, with one line for a pixel's own disparity and one for filled ones. Beside an outline, where
+//! a surface that grew beyond its edge looks as sure as inside, the line of a pixel's own one is lower:
 //!
 //! ```text
+//! outline    = a jump between neighbors in the row, at most OUTLINE_REACH pixels away
 //! trait      = 1, odds of the mean raw confidence of pixels not filled, how far these are below LOW_ODDS,
 //!              odds of the share that fails the checks, noise, smoothing, whether there is a blur,
 //!              share at the ends of the searched range
-//! z          = sum of trait (height + slope odds(raw) + if filled: height + slope odds(raw))
+//! z          = sum of trait (height + slope odds(raw) + if beside an outline: height
+//!              + if filled: height + slope odds(raw))
 //! confidence = 1 / (1 + exp(-z))
 //! bar        = exp(line through KNOTS points at z, own or filled + sum of trait bars)
 //! odds(p)    = ln(p / (1 - p))
 //! ```
 //!
-//! Both are functions of the raw confidence and of one flag, so they are tables made once per pair. The
-//! weights are learned by `phasestereo bench confidence`, which writes `weights.rs`.
+//! Both are functions of the raw confidence and of the kind of pixel, so they are tables made once per pair.
+//! The weights are learned by `phasestereo bench confidence`, which writes `weights.rs`.
 //!
 //! The traits are those of the whole pair. For tall images they come from a fixed set of rows, so that parts
 //! of a pair can be matched by themselves once these rows are known.
@@ -31,16 +34,17 @@ use rayon::prelude::*;
 
 use crate::base::error::Result;
 use crate::base::math::{exp, ln};
-use crate::base::plane::Plane;
+use crate::base::plane::{Plane, zeroed};
 use crate::base::simd::{Level, leveled, whole};
 use crate::choices::{
     FEW_ROWS, LEAST_MEAN_CONFIDENCE, LEAST_SHARE, LOW_ODDS, NO_NOISE, NO_SMOOTHING, NONE_AT_ENDS,
-    SAMPLED_BAND_ROWS, SAMPLED_BANDS,
+    OUTLINE_REACH, SAMPLED_BAND_ROWS, SAMPLED_BANDS,
 };
 use crate::pair::Pair;
 use crate::pair::blur_compensation::BlurCompensation;
 use crate::pair::candidates::Candidates;
 use crate::refinement::flag;
+use crate::refinement::jumps::Mark;
 use crate::settings::Optimizer;
 
 /// Traits of a pair.
@@ -61,8 +65,9 @@ pub const FAILED: u16 = flag::OCCLUDED | flag::MISMATCHED | flag::SPECKLE;
 /// Learned weights.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Weights {
-    /// For each trait: height, slope, and the amounts that filled pixels add to both.
-    pub odds: [[f64; 4]; TRAITS],
+    /// For each trait: height, slope, the amount that an outline adds to the height, and those that filled
+    /// pixels add to both.
+    pub odds: [[f64; 5]; TRAITS],
     /// The points of the logarithm of the bar, for a pixel's own disparity and for filled ones.
     pub knots: [[f64; KNOTS]; 2],
     /// The part of the bar that each trait adds.
@@ -234,7 +239,7 @@ pub fn traits(tally: Tally, faults: Faults) -> [f64; TRAITS] {
 /// The confidence and the bar for every raw confidence of one pair.
 #[derive(Debug)]
 pub struct ConfidenceCalibration {
-    /// For a pixel's own disparity, then for filled ones.
+    /// For a pixel's own disparity, for its own beside an outline, then for filled ones.
     tables: Vec<[f32; 2]>,
 }
 
@@ -244,18 +249,19 @@ impl ConfidenceCalibration {
         let sum = |which: usize| -> f64 {
             traits.iter().zip(&weights.odds).map(|(value, weights)| value * weights[which]).sum()
         };
-        let [height, slope, filled_height, filled_slope] = [0, 1, 2, 3].map(sum);
         let wider: f64 = traits.iter().zip(&weights.bars).map(|(value, weight)| value * weight).sum();
 
-        let entry = |bin: usize, [height, slope]: [f64; 2], knots: &[f64; KNOTS]| {
-            let z = height + slope * odds_of_bins()[bin];
-            let confidence = 1.0 / (1.0 + exp(-z));
-            [confidence as f32, exp(at(knots, z) + wider) as f32]
-        };
+        let [height, slope, outline, filled_height, filled_slope] = [0, 1, 2, 3, 4].map(sum);
 
-        let lines = [[height, slope], [height + filled_height, slope + filled_slope]];
-        let table = |which: usize| (0..BINS).map(move |bin| entry(bin, lines[which], &weights.knots[which]));
-        Self { tables: table(0).chain(table(1)).collect() }
+        let table = |height: f64, slope: f64, knots: usize| {
+            odds_of_bins().iter().map(move |odds| {
+                let z = height + slope * odds;
+                let confidence = 1.0 / (1.0 + exp(-z));
+                [confidence as f32, exp(at(&weights.knots[knots], z) + wider) as f32]
+            })
+        };
+        let own = table(height, slope, 0).chain(table(height + outline, slope, 0));
+        Self { tables: own.chain(table(height + filled_height, slope + filled_slope, 1)).collect() }
     }
 
     /// Replaces raw confidences, and returns the bars; without a disparity they are 0 and NaN. Pixels filled
@@ -265,29 +271,41 @@ impl ConfidenceCalibration {
         confidence: &mut Plane<f32>,
         disparity: &Plane<f32>,
         flags: &Plane<u16>,
+        level: Level,
     ) -> Result<Plane<f32>> {
         let cols = disparity.cols();
         let mut bars = Plane::new(disparity.rows(), cols)?;
 
         let rows = confidence.as_mut_slice().par_chunks_mut(cols);
         let rows = rows.zip(bars.as_mut_slice().par_chunks_mut(cols)).enumerate();
-        rows.for_each(|(y, (confidence, bars))| {
-            let map = disparity.row(y).iter().zip(flags.row(y));
-            for ((confidence, bar), (disparity, flags)) in confidence.iter_mut().zip(bars).zip(map) {
-                let raw = if flags & flag::MISSING == 0 { *confidence } else { 0.0 };
-                let known = [raw, *disparity];
-                [*confidence, *bar] = self.of_pixel(known, flags & flag::FILLED != 0);
-            }
-        });
+        rows.try_for_each_init(
+            || zeroed(cols),
+            |outlines, (y, (confidence, bars))| {
+                let outlines = outlines.as_mut().map_err(|error| error.clone())?;
+                let here = disparity.row(y);
+                // The row below is not looked at: it may be that of another part of the pair.
+                level.run(Mark::<OUTLINE_REACH> { here, below: here, jumps: outlines });
+
+                let map = here.iter().zip(flags.row(y)).zip(outlines);
+                for ((confidence, bar), ((disparity, flags), outline)) in
+                    confidence.iter_mut().zip(bars).zip(map)
+                {
+                    let raw = if flags & flag::MISSING == 0 { *confidence } else { 0.0 };
+                    let kind = if flags & flag::FILLED == 0 { usize::from(*outline != 0) } else { 2 };
+                    [*confidence, *bar] = self.of_pixel([raw, *disparity], kind);
+                }
+                Ok(())
+            },
+        )?;
 
         Ok(bars)
     }
 
     /// Confidence and bar of a pixel, from its raw confidence and its disparity.
     #[inline(always)]
-    fn of_pixel(&self, [raw, disparity]: [f32; 2], is_filled: bool) -> [f32; 2] {
+    fn of_pixel(&self, [raw, disparity]: [f32; 2], kind: usize) -> [f32; 2] {
         let bin = ((raw * BINS as f32) as i32).clamp(0, BINS as i32 - 1) as usize;
-        let known = self.tables[usize::from(is_filled) * BINS + bin];
+        let known = self.tables[kind * BINS + bin];
         if disparity.is_nan() { [0.0, f32::NAN] } else { known }
     }
 }

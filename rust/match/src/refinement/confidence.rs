@@ -19,8 +19,9 @@
 //!
 //! It separates right from wrong pixels better than the ratio of the second-best cost to the best one (PKR)
 //! or their relative margin, on sharp and on degraded pairs. Adding other measures did not improve it: the
-//! left-right check, the share of paths that agree, the cost itself, the share of penalties in it, whether a
-//! pixel was filled. `phasestereo bench confidence` measures its performance.
+//! left-right check, the cost of other pixels with the same match, the share of paths that agree, the cost
+//! itself, the share of penalties in it, whether a pixel was filled. `phasestereo bench confidence` measures
+//! its performance.
 //!
 //! X. Hu, P. Mordohai: *A Quantitative Evaluation of Confidence Measures for Stereo Vision*, PAMI 2012.
 

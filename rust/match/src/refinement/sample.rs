@@ -71,7 +71,7 @@ impl SampledMap<'_> {
         let calibration = ConfidenceCalibration::new(&traits(tally, faults), Weights::of(optimizer));
         let (mut right, mut count) = (0u64, 0u64);
         for (mut confidence, disparity, flags) in sampled {
-            calibration.apply(&mut confidence, &disparity, &flags)?;
+            calibration.apply(&mut confidence, &disparity, &flags, level)?;
             for (confidence, disparity) in confidence.as_slice().iter().zip(disparity.as_slice()) {
                 right += u64::from((confidence * STEPS) as u32);
                 count += u64::from(!disparity.is_nan());
