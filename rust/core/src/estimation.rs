@@ -508,6 +508,6 @@ impl CopyGeometry {
             false
         };
 
-        Ok(Remarks { left_out, is_inverted, contrast: scales.contrast(overview, last) })
+        Ok(Remarks { left_out, is_inverted, contrast: scales.contrast(overview, self.matched()) })
     }
 }

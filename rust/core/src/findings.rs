@@ -170,6 +170,22 @@ mod tests {
         let expected = "something at 88 to 91 px seems to be in columns 30 to 44, rows 5 to 20";
         assert!(said(&left_out, Topic::Range).1.starts_with(expected));
 
+        let searched = |min| Fact::given(Candidates::new(min, 20, SIZE.1).expect("legal"));
+        for (min, expected) in [
+            (90, "from 90 px are searched, so the left 30 %"),
+            (-109, "up to -90 px are searched, so the right 30 %"),
+        ] {
+            let near = Estimates { candidates: searched(min), range: None, ..sound() };
+            let (severity, sentence) = said(&near, Topic::Range);
+            assert!(severity == Severity::Note && sentence.contains(expected), "{sentence}");
+        }
+        for min in [60, -70] {
+            assert_eq!(
+                said(&Estimates { candidates: searched(min), range: None, ..sound() }, Topic::Range).0,
+                Severity::Ok
+            );
+        }
+
         let range = Some(SearchRange { high: 30.0, ..RANGE });
         let candidates = Fact::given(sound().candidates.value);
         let known = Estimates { candidates, range, ..sound() };

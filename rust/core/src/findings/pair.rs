@@ -98,6 +98,11 @@ table! {
     Range, Warning, left_out(known),
         "something at {0} px seems to be in columns {1}, rows {2}, and was not searched for",
         remedy("search more disparities"), cause(SHORT, 0.0);
+    // A share of the width.
+    Range, Levels([0.25, f64::INFINITY]), seen_by_one(known),
+        "only disparities {0} px are searched, so {1} of the left image cannot be matched",
+        remedy("let both cameras see the scene, or search more disparities"),
+        cause("parts that one camera alone sees", 0.0);
     Alignment, Levels(ROWS), sway(known), SWAYS, errors(ROW_ERRORS), well(SWAYS);
     Alignment, Levels(ROWS), rows_off(known, true), "the right image {1} ({0})", errors(ROW_ERRORS), well(ROWS_WELL),
         remedy("it is straightened for the match, but rectify the pair again");
@@ -320,6 +325,19 @@ fn given_range(known: &Known) -> Vec<Measured> {
     let last = candidates.disparity(count - 1);
     let beyond = (first as f64 - range.low).max(range.high - last as f64);
     value(beyond / count as f64, [span(first, last), ends(range)])
+}
+
+/// The share of the left image that none of the searched disparities finds in the right one.
+fn seen_by_one(known: &Known) -> Vec<Measured> {
+    let candidates = known.estimates.candidates.value;
+    let (first, last) = (candidates.min(), candidates.max());
+    let (range, side, hidden) = if first > 0 {
+        (format!("from {first}"), "left", first)
+    } else {
+        (format!("up to {last}"), "right", -last)
+    };
+    let share = hidden as f64 / known.size.1 as f64;
+    value(share, [range, format!("the {side} {}", percent(share))])
 }
 
 fn left_out(known: &Known) -> Vec<Measured> {
