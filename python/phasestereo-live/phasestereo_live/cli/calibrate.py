@@ -1,4 +1,4 @@
-"""``phasestereo calibrate``: pictures of a board in, a calibration out, and how good it is."""
+"""``phasestereo calibrate``: takes pictures of a board, writes a calibration and rates it."""
 
 # No `from __future__ import annotations`: the command line is made of these annotations.
 
@@ -50,10 +50,10 @@ def calibrate(
     page: Path | None = None,
     as_json: Annotated[bool, Parameter(name="--json", negative=(), show_default=False)] = False,
 ) -> None:
-    """Calibrate two cameras by pictures or a video of a board.
+    """Calibrate two cameras from pictures or a video of a board.
 
-    Prints how well the board's corners fit, how exact depths can be, and what to take next. Needs
-    the extra ``rectify``. For example:
+    Prints how well the board's corners fit, how exact depths can be, and which picture to take
+    next. Needs the extra ``rectify``. For example:
 
     ```
     phasestereo calibrate boards --board 9x6 --square 25mm -o calibration.yaml --page page.html
@@ -63,15 +63,15 @@ def calibrate(
     Parameters
     ----------
     left
-        A folder of pairs (in folders left and right, or named so, or ..._L and ..._R), a video of
-        both views side by side; or, with RIGHT, the left camera's folder or video.
+        A folder of pairs (in folders left and right, or with these names, or ..._L and ..._R), or a
+        video of both views side by side; with RIGHT, the left camera's folder or video.
     right
         The right camera's folder or video.
     output
-        File for the calibration, as OpenCV writes it: .yaml, .yml or .xml.
+        File for the calibration in OpenCV's format: .yaml, .yml or .xml.
     board
-        Inner corners of a chessboard, such as 9x6; of a ChArUco board its squares. Without it, the
-        size of a chessboard is found.
+        Inner corners of a chessboard, such as 9x6; for a ChArUco board, its squares. Without it,
+        the command finds the size of a chessboard.
     square
         Side of a square with its unit: 25mm. Without it, lengths are in squares.
     charuco
@@ -79,9 +79,9 @@ def calibrate(
     marker
         Side of a marker. Default: three quarters of a square.
     layout
-        Where each picture, or the video, has both views: side-by-side, or top-bottom.
+        How each picture, or the video, holds both views: side-by-side, or top-bottom.
     page
-        File (.html) for a page that shows coverage, every view, and the error of depths. Needs the
+        File (.html) for a page that shows coverage, every view, and the error in depth. Needs the
         extra ``report``.
     as_json
         Print one JSON object on standard output.
@@ -90,7 +90,7 @@ def calibrate(
 
     with refusals(options=_OPTIONS):
         for path in files:
-            target_of(path)  # before all pictures are looked at
+            target_of(path)  # before reading all pictures
         if page is not None:
             require("jinja2", extra="report")
         found = calibrate_pair(

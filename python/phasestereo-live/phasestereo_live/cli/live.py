@@ -1,4 +1,4 @@
-"""``phasestereo live``: videos, folders or cameras in, a disparity map for each frame out."""
+"""``phasestereo live``: makes a disparity map for each frame of videos, folders or cameras."""
 
 # No `from __future__ import annotations`: the command line is made of these annotations.
 
@@ -94,9 +94,9 @@ def live(
     """Match every frame of a video, a folder of images, a recording, or a pair of cameras.
 
     ``--output``, ``--frames``, ``--rerun`` and ``--json`` say what to do with the disparities;
-    without any of them a page in the browser shows them. A frame that fails is reported and
-    skipped; all keep their numbers. Ctrl-C ends the run, and what was matched until then is
-    written. For example:
+    without any of them a page in the browser shows them. The run reports and skips a frame that
+    fails; all frames keep their numbers. Ctrl-C ends the run and keeps the frames matched so far.
+    For example:
 
     ```
     phasestereo live --cameras 0 1 --show
@@ -110,22 +110,22 @@ def live(
     ----------
     source
         A video file or address (rtsp://...) whose pictures hold both views, or a folder with both
-        views, in subfolders left and right or in names; with RIGHT, the left view alone. Or a
-        recording of a robot, with --left and --right.
+        views, told apart by subfolders left and right or by names; with RIGHT, only the left view.
+        Or a robot's recording, with --left and --right.
     right
         The right view: a second video or folder of images.
     cameras
-        Numbers of the left and the right camera, or of one that delivers both views in each
-        picture; in place of SOURCE.
+        Numbers of the left and the right camera, or of one camera that delivers both views in each
+        picture; use it instead of SOURCE.
     layout
-        Where a picture that holds both views has them: side-by-side (the default), or top-bottom
-        with the left view above. With a folder: its images hold both views.
+        How a picture holds both views: side-by-side (the default), or top-bottom with the left view
+        above. With a folder: its images hold both views.
     rectify
-        Rectify the frames first: by a calibration or a saved rectification (twice for the files of
-        both cameras), or auto, by what the first frame shows. Needs the extra ``rectify``.
+        Rectify the frames first: with a calibration or a saved rectification (twice for the files
+        of both cameras), or auto, from the first frame. Needs the extra ``rectify``.
     vertical
-        The right camera is below the left one. A calibration says so by itself, and so do frames
-        that show it clearly, unless --no-vertical.
+        The right camera is below the left one. A calibration already says so, and so do frames that
+        show it clearly, unless --no-vertical.
     start
         Number of the first frame to match.
     stop
@@ -133,25 +133,26 @@ def live(
     every
         Match every N-th frame.
     reestimate
-        Estimate blur again when a quick look shows a change, and at the latest after this number
-        of frames; 1: of every frame.
+        Estimate blur again when a quick check shows a change, and at the latest after this number
+        of frames; 1: for every frame.
     temporal_filter
-        Make disparities steadier where neither image has changed.
+        Make disparities steadier where neither image changed.
     num_disparities
-        Number of disparities to search, 1 to the images' width; auto: the range that is found.
+        Number of disparities to search, 1 to the images' width; auto: find the range.
     min_disparity
         Smallest disparity to search.
     threads
         Number of threads; without it, one per processor.
     left_mask
-        Image of the size of the left images as they come, non-zero where they are valid.
+        Image of the same size as the left images before they are rectified, non-zero where they are
+        valid.
     right_mask
-        The same of the right images.
+        The same for the right images.
     noise
         Standard deviation of the images' noise, in units of their pixels; needed with
         --noise-threshold.
     second
-        A second matcher of every frame: sgbm, bm, or onnx:net.onnx, as `match` takes it.
+        A second matcher for every frame: sgbm, bm, or onnx:net.onnx, as in `match`.
     timeout
         Seconds that the second matcher may take for a frame.
     """
@@ -188,7 +189,7 @@ def live(
         "second": second,
         "timeout": timeout,
         "on_error": tally.fail,
-        "patience": None if shown else PATIENCE,  # who looks plugs it in again
+        "patience": None if shown else PATIENCE,  # a user who watches plugs it in again
     }
 
     by: Any = AUTO if calibration is None else calibration or None
@@ -233,7 +234,7 @@ def live(
 
 
 def _opened(opened: ExitStack, topics: Topics, path: Path) -> Recording:
-    """Open a recording, and say how its calibration is used."""
+    """Open a recording, and report how the run uses its calibration."""
     with refusals(options=_TOPIC_OPTIONS):
         recording = topics.open(path)
     opened.callback(recording.close)
@@ -242,7 +243,7 @@ def _opened(opened: ExitStack, topics: Topics, path: Path) -> Recording:
 
 
 def _run(frames: Stream, writing: Writers, tally: Tally, screen: Screen | None) -> None:
-    """Match, write and show all frames, or those until Ctrl-C or the end of the show."""
+    """Match, write and show all frames, until Ctrl-C or until the user closes the page."""
     if screen is not None:
         screen.follow(frames)
         tally.listeners.append(screen.fail)
@@ -260,11 +261,11 @@ def _run(frames: Stream, writing: Writers, tally: Tally, screen: Screen | None) 
         if screen is not None:
             screen.stay()
     except KeyboardInterrupt:
-        tally.interrupted = screen is None  # that is how a show ends
+        tally.interrupted = screen is None  # a show ends this way
 
 
 def _knowing(outputs: LiveOutputs, recording: Recording | None, frames: Stream) -> Geometry:
-    """Return a function from a frame to its geometry, in m unless another unit is known.
+    """Return a function that gives a frame's geometry, in m unless another unit is known.
 
     Raises
     ------
@@ -300,7 +301,7 @@ def _knowing(outputs: LiveOutputs, recording: Recording | None, frames: Stream) 
 
 
 def _write(frame: Frame, sinks: list[FrameSink], tally: Tally) -> None:
-    """Write a frame everywhere it can be; where it cannot, it fails alone."""
+    """Write a frame to every sink; an error in one does not stop the others."""
     tally.report_news(frame)
     errors = []
     for write in sinks:
@@ -331,6 +332,6 @@ def _places(source: str | None, right: str | None, cameras: tuple[int, ...]) -> 
 
 
 def _files(places: tuple[Any, ...]) -> list[Path]:
-    """Return the files and folders that are read."""
+    """Return the files and folders that the run reads."""
     paths = [Path(place) for place in places if isinstance(place, str) and not is_address(place)]
     return [read for path in paths for read in (folders_of(path) if path.is_dir() else [path])]

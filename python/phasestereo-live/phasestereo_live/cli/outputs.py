@@ -1,4 +1,4 @@
-"""What ``phasestereo live`` writes: checked before it begins, whole whatever ends it."""
+"""The outputs of ``phasestereo live``: checked before a run, complete however it ends."""
 
 # No `from __future__ import annotations`: the command line is made of these annotations.
 
@@ -41,7 +41,7 @@ from phasestereo_live.video.streaming import Frame
 FrameSink = Callable[[Frame], object]
 Geometry = Callable[[Frame], Calibration | None]
 
-_RATE = 25.0  # of sources whose own is unknown
+_RATE = 25.0  # for sources whose own rate is unknown
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,27 +51,27 @@ class LiveOutputs:
     Parameters
     ----------
     output
-        Video file, .mp4, .mov or .mkv: the left images beside the disparities in color, the same
-        from the smallest to the largest disparity searched in all frames. Of a recording also a
-        recording, .mcap, .db3 or .bag: disparities, depths and points as messages.
+        Video file, .mp4, .mov or .mkv: the left images beside the disparities in color; colors run
+        from the smallest to the largest disparity searched, the same in all frames. From a
+        recording also a recording, .mcap, .db3 or .bag: disparities, depths and points as messages.
     frames
-        Files for the disparities in pixels, such as maps/%06d.pfm: the number of the frame takes
-        the place of %06d. .pfm, .npy, .tif, or .png as KITTI has it (16 bits, 256 d).
+        Files for the disparities in pixels, such as maps/%06d.pfm: the frame's number replaces
+        %06d. .pfm, .npy, .tif, or .png in KITTI's format (16 bits, 256 d).
     rerun
         Recording for the viewer rerun, .rrd: images and disparities; needs the extra ``rerun``.
     rgbd
-        Folder of images and depths, which must be empty: of --calib, a recording with camera_info,
-        or --rectify by a calibration.
+        Folder for images and depths, which must be empty. Needs --calib, a recording with
+        camera_info, or --rectify with a calibration.
     rgbd_layout
-        How the folder is laid out: tum (the default), nerfstudio, or colmap, with normals.
+        Layout of the folder: tum (the default), nerfstudio, or colmap, with normals.
     calib
-        Calibration of the rectified views, as ``phasestereo match`` takes it, for the camera,
-        depths and points in --rerun and on the page.
+        Calibration of the rectified views, as in ``phasestereo match``, for the camera, depths and
+        points in --rerun and on the page.
     unit
-        The unit of the baseline. Default: m, or mm of Middlebury's calib.txt.
+        The unit of the baseline. Default: m, or mm for Middlebury's calib.txt.
     keep
-        Which pixels have depths and points: trusted (the default), checked (fewer and more accurate
-        ones), or all.
+        The pixels that get depths and points: trusted (the default), checked (fewer and more
+        accurate ones), or all.
     min_depth
         Leave out everything nearer, in the unit of the baseline.
     max_depth
@@ -79,8 +79,7 @@ class LiveOutputs:
     decimate
         One point or depth for each block of N by N pixels, in --rerun and recordings. Default 1.
     rate
-        Frames a second of the video, where the source does not say when they were taken; without
-        it, 25.
+        Frames per second of the video, if the source has no times; without it, 25.
     json
         Print one JSON object on standard output: settings, frames, failures, files.
     """
@@ -100,12 +99,12 @@ class LiveOutputs:
     json: Annotated[bool, Parameter(negative=(), show_default=False)] = False
 
     def asked_for(self) -> bool:
-        """Return whether anything is to come out."""
+        """Return whether the user asked for any output."""
         return bool(self.output or self.frames or self.rerun or self.rgbd or self.json)
 
     @property
     def selection(self) -> Selection:
-        """Which pixels have depths and points.
+        """The pixels that get depths and points.
 
         Raises
         ------
@@ -121,18 +120,18 @@ class LiveOutputs:
 
     @property
     def recording(self) -> Path | None:
-        """The recording that is to be written, if it is one."""
+        """The recording to write, or None."""
         is_one = self.output is not None and self.output.suffix.lower() in RECORDINGS
         return self.output if is_one else None
 
     def check(self, sources: Iterable[Path], disparities: tuple[int, int], *, shown: bool) -> None:
-        """Refuse what cannot or must not be written, and make the folder of the frames.
+        """Refuse outputs that cannot or must not be written, and make the folder of the frames.
 
         Raises
         ------
         CommandError
             If an option has no effect, a file is a source, a folder, or cannot be written, or a
-            format does not hold all of the disparities.
+            format cannot hold all of the disparities.
         """
         needs = (
             ("calib", self.rerun or self.rgbd or shown, "--rerun, --rgbd or --show"),
@@ -150,7 +149,7 @@ class LiveOutputs:
         self._try(sources, disparities)
 
     def _try(self, sources: list[Path], disparities: tuple[int, int]) -> None:
-        """Try whatever is to be written before anything is matched."""
+        """Try every output before the first match."""
         with refusals(options={"min_depth"}):
             _ = self.selection
         with refusals():
@@ -169,21 +168,21 @@ class LiveOutputs:
 
 
 class Writers:
-    """Everything a frame is written to, in a ``with`` block that completes it.
+    """Writes a frame to every output; the end of the ``with`` block completes the files.
 
     Parameters
     ----------
     outputs
-        What was asked for.
+        The outputs that the user asked for.
     tally
-        What keeps count; it learns of each file once that is complete, and the failures that it
-        counts go to the recording, too.
+        The count of frames. It receives each file once that is complete, and its failures go to the
+        recording, too.
     rate
-        Frames a second of the source, if that is known.
+        Frames per second of the source, if known.
     messages
-        Makes the sink of a recording; None where none is written.
+        Makes the sink of a recording; None if the run writes no recording.
     known
-        Returns the geometry of a frame, if it is known.
+        Returns the geometry of a frame, if known.
     """
 
     def __init__(
@@ -204,7 +203,7 @@ class Writers:
         self.sinks: list[FrameSink] = []
 
     def __enter__(self) -> Self:
-        # If one of them cannot be opened, those that are open are closed again.
+        # If one of them fails to open, this closes the ones that are already open.
         with ExitStack() as opened:
             recording = self._outputs.recording
             if recording is not None and self._messages is not None:
@@ -232,7 +231,7 @@ class Writers:
     def _enter(
         self, opened: ExitStack, name: str, path: Path, writer: AbstractContextManager[Any]
     ) -> Any:
-        """Return the writer of a file, which counts as written once complete."""
+        """Return the writer of a file; the tally lists the file once it is complete."""
 
         def close(*error: Any) -> None:
             with _naming(path):
@@ -249,7 +248,7 @@ class Writers:
 
         @_naming(path)
         def write(frame: Frame) -> None:
-            if not pictures:  # the colors of all frames are those of the first one's range
+            if not pictures:  # all frames take the colors of the first one's range
                 pictures.append(FramePicture(*self._tally.searched(frame)))
             video.write(pictures[0](frame), frame.time)
 
@@ -290,7 +289,7 @@ class Writers:
 
 @contextmanager
 def _naming(path: Path) -> Iterator[None]:
-    """Name the file in errors of the system, as of a full disk: not its draft, nor nothing."""
+    """Name the file, not its draft, in errors of the system such as a full disk."""
     try:
         yield
     except OSError as error:
@@ -322,7 +321,7 @@ def _check_frames(pattern: str, sources: list[Path], disparities: tuple[int, int
 
     folder.mkdir(parents=True, exist_ok=True)
 
-    # The extremes show whether the format holds all disparities.
+    # If the format holds the extremes, it holds all disparities.
     low, count = disparities
     extremes = np.array([[low, low + count - 1]], dtype=np.float32)
     draft = folder / f".{secrets.token_hex(8)}{Path(pattern % 0).suffix}"
@@ -333,7 +332,7 @@ def _check_frames(pattern: str, sources: list[Path], disparities: tuple[int, int
 
 
 def _checked(name: str, attempt: Callable[[], object]) -> None:
-    """Try something; a value that is refused is the option's."""
+    """Try something; if it refuses a value, blame the option."""
     try:
         attempt()
     except ValueError as error:

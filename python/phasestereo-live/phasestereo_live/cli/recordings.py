@@ -1,4 +1,4 @@
-"""Recordings of robots for ``phasestereo live``: which topics, and the messages that come out."""
+"""Recordings of robots for ``phasestereo live``: the topics to read, the messages to write."""
 
 # No `from __future__ import annotations`: the command line is made of these annotations.
 
@@ -24,24 +24,24 @@ _SEVERAL = Parameter(consume_multiple=True, show_default=False)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Topics:
-    """The topics of a recording whose messages are the pairs.
+    """The topics of a recording that hold the pairs.
 
     Parameters
     ----------
     left
-        Topic of the left images, where SOURCE is a recording: .mcap, .db3, a folder of rosbag2, or
-        a .bag of ROS 1. Default: the only two that "left" and "right" distinguish. Needs the extra
-        ``ros``, and not ROS.
+        Topic of the left images, if SOURCE is a recording: .mcap, .db3, a folder of rosbag2, or a
+        .bag of ROS 1. Default: the only two topics that differ by "left" and "right". Needs the
+        extra ``ros``, but not ROS.
     right
         Topic of the right images.
     camera_info
-        Topics of both cameras' camera_info. Default: those beside the images, if there are any;
-        images on image_rect count as rectified, others are rectified by it.
+        Topics of both cameras' camera_info. Default: those beside the images, if there are any.
+        Images on image_rect count as rectified; camera_info rectifies all others.
     register
-        Topic of the camera_info of a third camera, as of a color camera: -o gets depths in its
-        frame, too, below registered. Where it is follows from /tf_static.
+        Topic of the camera_info of a third camera, such as a color camera: -o also gets depths in
+        its frame, under registered. Its position comes from /tf_static.
     tolerance
-        By how many seconds the stamps of a left and a right image may differ. Default 0.01.
+        Largest difference in seconds between the stamps of a left and a right image. Default 0.01.
     """
 
     left: str | None = None
@@ -56,7 +56,7 @@ class Topics:
         Raises
         ------
         CommandError
-            If topics have no effect, or are missing.
+            If topics have no effect or are missing.
         """
         path = None
         if len(places) == 1 and isinstance(places[0], str) and is_recording(places[0]):
@@ -73,7 +73,7 @@ class Topics:
         Raises
         ------
         OSError, ValueError, ImportError
-            As `open_recording`.
+            As in `open_recording`.
         """
         return open_recording(
             path,
@@ -87,28 +87,28 @@ class Topics:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Messages:
-    """The messages that go to a recording.
+    """The messages to write to a recording.
 
     Parameters
     ----------
     messages
-        Messages that -o gets of each frame: disparity, depth, points, and once a second
-        diagnostics. Default: all but points, which take the most room; depth and points need the
+        Messages that -o gets for each frame: disparity, depth, points, and once a second
+        diagnostics. Default: all but points, which take the most space. Depth and points need the
         geometry of the cameras.
     depth_encoding
-        That of the depths: 32FC1, m (the default), or 16UC1, mm.
+        Encoding of the depths: 32FC1, m (the default), or 16UC1, mm.
     """
 
     messages: Annotated[tuple[MessageKind, ...], _SEVERAL] = ()
     depth_encoding: Depths | None = None
 
     def check(self, *, wanted: bool, known: bool) -> None:
-        """Refuse what has no effect, or needs a geometry that is not known.
+        """Refuse options that have no effect or need a geometry that is not known.
 
         Raises
         ------
         CommandError
-            If so.
+            If there is such an option.
         """
         for name in ("messages", "depth_encoding"):
             if getattr(self, name) and not wanted:
@@ -127,7 +127,7 @@ class Messages:
         known: Callable[[Frame], Calibration | None],
         messages: RecordingWriter,
     ) -> Callable[[Frame], None]:
-        """Return a writer of frames to another recording, by a geometry in m."""
+        """Return a function that writes frames to another recording, with a geometry in m."""
         writer = FrameWriter(
             messages,
             recording.topics,

@@ -1,4 +1,4 @@
-"""``phasestereo rig test``: frames of two cameras in, go or no-go out."""
+"""``phasestereo rig test``: takes frames of two cameras and answers go or no-go."""
 
 # No `from __future__ import annotations`: the command line is made of these annotations.
 
@@ -26,7 +26,7 @@ from phasestereo_live.cli.walls import WallOptions
 
 _OPTIONS = frozenset(["limits", "focal", "preset"])
 app = App(name="rig", help="Test two cameras while they run.")
-"""The command, which has one command so far."""
+"""The command ``phasestereo rig``; it has one subcommand so far."""
 
 _WALL = Group.create_ordered("Wall")
 _NO_WALL = WallOptions()
@@ -60,9 +60,9 @@ def rig_test(
     wall: Annotated[WallOptions, Parameter(name="*", group=_WALL)] = _NO_WALL,
     as_json: Annotated[bool, Parameter(name="--json", negative=(), show_default=False)] = False,
 ) -> None:
-    """Test two cameras: what their frames show, against limits.
+    """Test two cameras: compare measurements of their frames with limits.
 
-    Prints each quantity with its limit, and exits with 3 if one is beyond it. For example:
+    Prints each quantity with its limit, and exits with 3 if one exceeds it. For example:
 
     ```
     phasestereo rig test frames/ --rectify calibration.yaml --limit rows=0.2 --limit wrong=0.1
@@ -72,23 +72,23 @@ def rig_test(
     Parameters
     ----------
     frames
-        A folder of pairs, as `calibrate` takes them, some twenty or more; with RIGHT, the left
-        camera's folder; or a rig that was saved.
+        A folder of about twenty pairs or more, as in `calibrate`; with RIGHT, the left camera's
+        folder; or a saved rig.
     right
         The right camera's folder.
     limit
-        A limit in the place of the usual one, NAME=NUMBER: rows, error, drift (in 100 frames),
-        blur, in pixels; rotation, in degrees; wrong, noise, as shares; exposure, as a ratio;
-        reserve, the least number of disparities beyond the nearest thing; of a wall fill, a share,
-        accuracy, plane, temporal, percent of its distance, subpixel, pixels. May be given again.
+        A limit that replaces the default, NAME=NUMBER: rows, error, drift (in 100 frames), blur, in
+        pixels; rotation, in degrees; wrong, noise, as shares; exposure, as a ratio; reserve, the
+        least number of disparities beyond the nearest object; for a wall: fill, a share; accuracy,
+        plane, temporal, percent of its distance; subpixel, pixels. You can repeat it.
     rectify
-        The calibration of raw frames; the rotation against it is tested, too.
+        The calibration of raw frames; the command also tests the rotation against it.
     focal
         Focal length of rectified frames in pixels, for the rotation and a wall.
     preset
-        How frames are matched: robust, fast or paper. Fast estimates neither noise nor blur.
+        Preset of the matcher: robust, fast or paper. Fast estimates neither noise nor blur.
     save
-        File for what was learned.
+        File for the rig, with everything that it learned.
     as_json
         Print one JSON object on standard output.
     """
@@ -135,7 +135,7 @@ def rig_test(
 def _follow(
     rig: Rig, left: Path, right: Path | None, calibration: Path | None
 ) -> Iterator[tuple[Result, Rectification | None]]:
-    """Match all frames by a rig; yield the matches, and how the frames were rectified."""
+    """Match all frames with a rig; yield each match and the rectification of its frames."""
     found: Rectification | None = None
     for names in paths_of_rig(left) if right is None else pair_paths(left, right):
         pair: tuple[NDArray[Any], NDArray[Any]] = read_image(names[0]), read_image(names[1])
@@ -144,6 +144,6 @@ def _follow(
             found = rectify_pair(*pair, calibration if found is None else found)
             pair = found.left, found.right
             masks = {"left_mask": found.left_mask, "right_mask": found.right_mask}
-        with unwarned():  # what is wrong with a match counts among the quantities
+        with unwarned():  # the quantities already count what is wrong with a match
             result = rig.match(*pair, **masks)
         yield result, found

@@ -1,4 +1,4 @@
-"""What ``phasestereo live`` shows while it runs: a page in the browser."""
+"""The page in the browser that ``phasestereo live`` shows while it runs."""
 
 # No `from __future__ import annotations`: the command line is made of these annotations.
 
@@ -22,32 +22,33 @@ from phasestereo_live.video.streaming import Failure, Frame, Stream
 from phasestereo_live.viewer import Display, Server
 from phasestereo_live.viewer.diagnosing import diagnosing
 
-_ROWS_OFF = 1.0  # pixels rms: from here on rows are warned of
+_ROWS_OFF = 1.0  # pixels rms: from here on the page warns of rows
 _LONGEST_PAUSE = 1.0  # seconds between frames of a file: recordings may have gaps
 
 
 class ClosedError(Exception):
-    """The user has ended the run on the page."""
+    """The user ended the run on the page."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ViewOptions:
-    """What is shown.
+    """The options of the page.
 
     Parameters
     ----------
     show
-        Show frames, disparities and what is found while the run lasts: on a page in the browser,
-        which is served on this machine alone. Without an output this is what is done.
+        Show frames, disparities and findings during the run on a page in the browser, which only
+        this machine can open. This is the default without an output.
     save_to
-        Folder where the page saves pairs, made if necessary. Default: the current one.
+        Folder where the page saves pairs; the command makes it if necessary. Default: the current
+        folder.
     """
 
     show: Annotated[bool, Parameter(negative=(), show_default=False)] = False
     save_to: Path | None = None
 
     def is_wanted(self, *, alone: bool) -> bool:
-        """Return whether the page is to be opened; ``alone``: nothing else comes out.
+        """Return whether to open the page; ``alone``: the run has no other output.
 
         Raises
         ------
@@ -64,16 +65,16 @@ class ViewOptions:
 
 
 class Screen:
-    """The page, where frames and failures are seen; what stays to be said is on the terminal, too.
+    """The page, which shows frames and failures; lasting messages go to the terminal, too.
 
     Parameters
     ----------
     show
-        What the page shows.
+        The page itself.
     known
-        Returns the geometry of a frame, if it is known.
+        Returns the geometry of a frame, if known.
     paced
-        Whether frames of files wait until it is their time.
+        Whether frames of files wait for their time.
     """
 
     def __init__(
@@ -87,15 +88,15 @@ class Screen:
 
     @property
     def closed(self) -> bool:
-        """Whether the user has ended the run."""
+        """Whether the user ended the run."""
         return self._show.closed
 
     def follow(self, frames: Stream) -> None:
-        """Let the page change how the coming frames are matched."""
+        """Let the page change the settings for the next frames."""
         self._show.follow(frames.change)
 
     def add(self, frame: Frame, frames: Stream) -> None:
-        """Show a frame, and with the first one whether the calibration is right."""
+        """Show a frame; with the first one, also show whether the calibration is right."""
         if self._is_first:
             self._is_first = False
             self._judge(frame, frames)
@@ -105,19 +106,19 @@ class Screen:
         self._show.add(frame)
 
     def fail(self, failure: Failure) -> None:
-        """Show what failed.
+        """Show a failure.
 
         Raises
         ------
         ClosedError
-            If nobody looks any more.
+            If the user ended the run on the page.
         """
         self._show.fail(failure)
         if self.closed:
             raise ClosedError
 
     def stay(self) -> None:
-        """Keep the page after the last frame, until it is closed or Ctrl-C."""
+        """Keep the page after the last frame, until the user closes it or presses Ctrl-C."""
         self._show.end("no more frames come; what is shown is the last one")
         say("the last frame is shown until you press 'End the run' on the page, or Ctrl-C")
         while not self._show.wait_closed(0.5):
@@ -128,7 +129,7 @@ class Screen:
         self._show.note("calibration", text)
 
     def _judge(self, frame: Frame, frames: Stream) -> None:
-        """Check the calibration once, against the first frame."""
+        """Check the calibration once, with the first frame."""
         found = frames.rectification
         if found is not None and (found.error is None or found.error > _ROWS_OFF):
             self._note("; ".join(found.sentences))
@@ -146,7 +147,7 @@ class Screen:
         self._start = now - time if self._start is None else self._start
 
         early = self._start + time - now
-        # Where the source has a gap, or matching is behind, the clock starts anew.
+        # If the source has a gap, or matching falls behind, the clock restarts.
         if early > _LONGEST_PAUSE or early < -_LONGEST_PAUSE:
             self._start = now - time
         elif early > 0:
@@ -156,7 +157,7 @@ class Screen:
 def serve(
     stack: ExitStack, settings: Settings, num_disparities: int | None, folder: Path
 ) -> Display:
-    """Serve the page until the stack is left, and open it where somebody sits.
+    """Serve the page until the stack closes, and open it if a user is at the terminal.
 
     Raises
     ------
@@ -173,7 +174,7 @@ def serve(
 
     say(f"look at {server.address}")
     if sys.stderr.isatty():
-        # Every user of this machine sees the command line of a browser, so that has a file's name.
+        # Every user of this machine sees a browser's command line, so it only names a file.
         home = Path(stack.enter_context(TemporaryDirectory(prefix="phasestereo-")))
         webbrowser.open(server.write_link(home / "viewer.html").as_uri())
     return show

@@ -1,4 +1,4 @@
-"""How a run over many frames goes: on the terminal while it lasts, and summed up at its end."""
+"""Progress of a run over many frames: on the terminal during the run, with totals at its end."""
 
 from __future__ import annotations
 
@@ -22,21 +22,22 @@ _KEPT = 1000  # failures to list: a camera may fail for days
 
 
 class Tally:
-    """Keeps count of the frames.
+    """Counts the frames.
 
     Parameters
     ----------
     disparities
-        The smallest disparity searched, and how many are; None: found from the images.
+        The smallest disparity searched and their number; None: found from the images.
     settings
-        What frames are matched with.
+        Settings of the matcher.
 
     Attributes
     ----------
     listeners
-        Called with every failure.
+        Functions to call with every failure.
     reports_news_alone
-        Whether a failure like the one before is not said again: a camera may fail for hours.
+        Whether to print a failure only if it differs from the one before: a camera may fail for
+        hours.
     """
 
     def __init__(self, disparities: tuple[int, int | None], settings: Settings) -> None:
@@ -50,7 +51,7 @@ class Tally:
         self.listeners: list[Callable[[Failure], object]] = []
         self.reports_news_alone = False
 
-        self._last = ""  # what the last failure said
+        self._last = ""  # message of the last failure
         self._failures: list[dict[str, Any]] = []
         self._topics: set[str] = set()
         self._size: tuple[int, ...] | None = None
@@ -59,16 +60,16 @@ class Tally:
         self._changed: Callable[[], object] | None = None
 
     def report_news(self, frame: Frame) -> None:
-        """Print the findings of a frame whose topics are new."""
+        """Print the findings of a frame that have a new topic."""
         for found in frame.result.findings:
             if found.topic not in self._topics:
                 self._topics.add(found.topic)
                 say(f"frame {frame.index}: {found.severity}: {found.sentence}")
 
     def searched(self, frame: Frame) -> tuple[int, int]:
-        """Return the first disparity that is searched and the one after the last.
+        """Return the first disparity searched and the one after the last.
 
-        If they are to be found, those of the first frame.
+        If the run finds the range, this is the range of the first frame.
         """
         low, count = self.disparities
         search = frame.result.search
@@ -78,14 +79,14 @@ class Tally:
         return low, low + (count or 1)
 
     def count(self, frame: Frame) -> None:
-        """Count a frame that is done."""
+        """Count a finished frame."""
         self.done += 1
         self._size = frame.result.disparity.shape
         self.searched(frame)
         self._change()
 
     def fail(self, failure: Failure) -> None:
-        """Count a frame that failed, and say so at once."""
+        """Count a frame that failed, and report it at once."""
         self.failed += 1
         self.unpaired += isinstance(failure.error, UnpairedError)
         if len(self._failures) < _KEPT:
@@ -103,7 +104,7 @@ class Tally:
 
     @contextmanager
     def shown(self, length: int | None) -> Iterator[None]:
-        """Show the count on standard error while the block lasts, if that is a terminal."""
+        """Show the count on standard error during the block, if that is a terminal."""
         self._start = monotonic()
         console = Console(stderr=True, highlight=False, soft_wrap=True)
         columns = SpinnerColumn(), TextColumn("{task.description}"), BarColumn()
@@ -113,7 +114,7 @@ class Tally:
                 *columns, console=console, transient=True, disable=not sys.stderr.isatty()
             ) as bar:
                 task = bar.add_task(self._line(), total=length)
-                # Whoever counts a frame moves the bar.
+                # Every counted frame moves the bar.
                 self._changed = lambda: bar.update(
                     task, completed=self.done + self.failed, description=self._line()
                 )
@@ -134,7 +135,7 @@ class Tally:
         print_lines([line, *(f"wrote {path}" for path in files)])
 
     def as_dict(self) -> dict[str, Any]:
-        """Return everything as JSON has it."""
+        """Return all counts as a dict for JSON."""
         rows, cols = self._size or (None, None)
         return {
             "version": phasestereo.__version__,

@@ -35,11 +35,12 @@ class WallOptions:
     Parameters
     ----------
     wall
-        Distance of a flat wall with texture that the frames show, as 1.0m: depths are tested, too.
+        Distance of a flat wall with texture that the frames show, such as 1.0m: the command also
+        tests depths.
     baseline
-        Distance of the cameras of rectified frames; needs --focal.
+        Distance between the cameras of rectified frames; needs --focal.
     unit
-        The unit of the baseline, that of --rectify, too.
+        The unit of the baseline, also of the one in --rectify.
     """
 
     wall: Annotated[tuple[float, str | None] | None, _DISTANCE] = None
@@ -52,7 +53,7 @@ class WallOptions:
         Raises
         ------
         CommandError
-            If they are.
+            If there is such an option.
         """
         if self.wall is None:
             for name in ("baseline", "unit"):
@@ -70,7 +71,7 @@ class WallOptions:
     def test(
         self, size: tuple[int, ...], focal: float | None, found: Rectification | None
     ) -> Wall | None:
-        """Return the test of a wall by frames of a size, or None."""
+        """Return the test of a wall for frames of a size, or None."""
         if self.wall is None:
             return None
 
@@ -80,7 +81,7 @@ class WallOptions:
                 raise wrong("wall", "needs a calibration that has lengths")
             calibration = found.calibration
         else:
-            assert focal is not None  # noqa: S101 -- of this and the next line: as checked
+            assert focal is not None  # noqa: S101 -- this and the next line: `check` made sure
             assert self.baseline is not None  # noqa: S101
             calibration = Calibration.from_focal(focal, self.baseline, width=width, height=height)
 
