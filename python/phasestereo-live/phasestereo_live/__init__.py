@@ -1,4 +1,4 @@
-"""Cameras while they run: matching videos and recordings frame by frame, and calibration.
+"""Match videos, recordings and running cameras frame by frame, and calibrate cameras.
 
     import phasestereo_live as live
 

@@ -1,4 +1,4 @@
-"""The end of a ``with`` block, for what has a `close`."""
+"""A ``with`` block for classes that have a `close`."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from typing import Self
 
 
 class Closing:
-    """Closes itself at the end of a ``with`` block, however that comes about."""
+    """Closes itself at the end of a ``with`` block, also after an error."""
 
     def close(self) -> None:
-        """Free what is held; every class has its own way."""
+        """Free all resources; every class does it in its own way."""
         raise NotImplementedError
 
     def __enter__(self) -> Self:

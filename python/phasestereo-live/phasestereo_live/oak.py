@@ -1,4 +1,4 @@
-"""A node of DepthAI 3 in the place of its ``StereoDepth``: it matches on the host.
+"""A node of DepthAI 3 that replaces its ``StereoDepth`` and matches on the host.
 
 stereo = pipeline.create(StereoPhase).build(left, right, calibration=calibration)
 depth = stereo.depth.createOutputQueue()
@@ -25,15 +25,14 @@ from phasestereo_live.video.rectifying import Rectifier
 __all__ = ["StereoPhase"]
 
 SUBPIXELS = 32
-"""What one pixel of disparity is in ``disparity``: five fractional bits, as StereoDepth has them at
-most."""
+"""Steps of ``disparity`` in one pixel: five fractional bits, the most that StereoDepth has."""
 
-_TOLERANCE = 0.01  # s between the images of a pair; what DepthAI's node Sync has
+_TOLERANCE = 0.01  # s between the images of a pair, as in DepthAI's node Sync
 _MOST = np.iinfo(np.uint16).max
 _CONFIDENCE = np.iinfo(np.uint8).max
 _MILLIMETERS = 1000.0  # in a meter
 _FAILURES = OSError, TypeError, ValueError, MemoryError, RuntimeError
-"""What a match raises of a pair, and no fault of this module."""
+"""The errors that a match raises for a bad pair; they are no fault of this module."""
 
 
 class StereoPhase(dai.node.ThreadedHostNode):
@@ -41,18 +40,18 @@ class StereoPhase(dai.node.ThreadedHostNode):
 
     ===================  =======  ================================================================
     ``left``, ``right``  inputs   frames of 8 bits, gray or BGR
-    ``disparity``        RAW16    thirty-seconds of a pixel, 0: none
-    ``depth``            RAW16    millimeters, 0: none; with a calibration alone
+    ``disparity``        RAW16    thirty-seconds of a pixel, 0: no estimate
+    ``depth``            RAW16    millimeters, 0: no depth; needs a calibration
     ``confidenceMap``    RAW8     0 to 255: the probability that a disparity is within 1 px
-    ``rectifiedLeft``,   as they  what was matched; with a calibration of cameras alone
+    ``rectifiedLeft``,   as they  the rectified frames; needs a calibration of the cameras
     ``rectifiedRight``   came
     ``syncedLeft``,      as they  the frames of the pair
     ``syncedRight``      came
     ===================  =======  ================================================================
 
-    Frames are paired by their time stamps, 10 ms apart at most; what comes out has those of the
-    left one. Cameras are followed by a `phasestereo.Rig`, disparities steadied by a
-    `TemporalFilter`. A pair that cannot be matched is logged as an error, and the next one is.
+    The node pairs frames by their time stamps, 10 ms apart at most; the outputs get the left
+    frame's stamp. A `phasestereo.Rig` follows the cameras, and a `TemporalFilter` steadies the
+    disparities. If a pair cannot be matched, the node logs an error and goes on to the next pair.
     """
 
     def __init__(self) -> None:
@@ -81,21 +80,21 @@ class StereoPhase(dai.node.ThreadedHostNode):
         threads: int | None = None,
         **overrides: Unpack[SettingsOverrides],
     ) -> Self:
-        """Link cameras, and say how frames are matched.
+        """Link cameras, and set how to match frames.
 
         Parameters
         ----------
         left, right
-            Outputs of cameras, which are linked to the inputs. None: they are linked by the caller.
+            Outputs of cameras to link to the inputs. None: the caller links them.
         calibration
-            Of raw frames that of the device, ``device.readCalibration()``, or any that
-            `phasestereo.rectify` takes: frames are rectified by it. Of rectified frames their
-            `Calibration`. A baseline whose unit is not known counts as in meters. None: frames are
-            rectified, and there are no depths.
+            For raw frames, the device's, ``device.readCalibration()``, or any that
+            `phasestereo.rectify` takes: the node rectifies the frames with it. For rectified
+            frames, their `Calibration`. A baseline whose unit is not known counts as meters. None:
+            frames are rectified already, and the node sends no depths.
         keep
-            Which disparities come out: "trusted", "checked" or "all", as `Result.kept` has it.
+            The disparities to send: "trusted", "checked" or "all", as in `Result.kept`.
         num_disparities, min_disparity, preset, threads, **overrides
-            As `phasestereo.Rig` takes them.
+            As in `phasestereo.Rig`.
 
         Returns
         -------
@@ -105,7 +104,7 @@ class StereoPhase(dai.node.ThreadedHostNode):
         Raises
         ------
         TypeError, ValueError
-            For a calibration of another kind, and as `phasestereo.Rig`.
+            For a calibration of another kind, and as in `phasestereo.Rig`.
         """
         accept("keep", keep, KEEPS)
 
@@ -130,7 +129,7 @@ class StereoPhase(dai.node.ThreadedHostNode):
 
     @property
     def rig(self) -> Rig:
-        """What is learned of the cameras: events, health, the range of disparities."""
+        """The rig, which learns about the cameras: events, health, the range of disparities."""
         return self._rig
 
     def run(self) -> None:
@@ -142,11 +141,11 @@ class StereoPhase(dai.node.ThreadedHostNode):
                 return
             try:
                 self._match(left, right)
-            except _FAILURES as error:  # what leaves this thread would end the process
+            except _FAILURES as error:  # an error that left this thread would end the process
                 self.error(f"frame {left.getSequenceNum()}: {error}")
 
     def _next_pair(self) -> tuple[dai.ImgFrame, dai.ImgFrame]:
-        """Return the next frames of one time; those without a partner are skipped."""
+        """Return the next two frames of the same time; skip frames without a partner."""
         left, right = self._next(self.left), self._next(self.right)
         while True:
             late = (left.getTimestamp() - right.getTimestamp()).total_seconds()
@@ -206,7 +205,7 @@ def _cameras(
 
 
 def _words(values: NDArray[np.float32], kept: NDArray[np.bool_]) -> NDArray[np.uint16]:
-    """Return rounded values, 0 where there are none, or none of 16 bits."""
+    """Return rounded values, 0 where there is no value or it does not fit 16 bits."""
     with np.errstate(invalid="ignore"):
         rounded = np.rint(values)
         held = kept & (rounded > 0) & (rounded <= _MOST)
@@ -219,7 +218,7 @@ def _rgb(frame: dai.ImgFrame) -> NDArray[Any]:
 
 
 def _bgr(image: NDArray[Any]) -> NDArray[Any]:
-    """Return an image with its colors, if it has them, in the other order."""
+    """Return an image with its color channels, if it has them, in the opposite order."""
     return image if image.ndim == 2 else image[:, :, ::-1]
 
 
@@ -230,7 +229,7 @@ def _frame(image: NDArray[Any], like: dai.ImgFrame, kind: dai.ImgFrame.Type) -> 
     frame.setTimestampDevice(like.getTimestampDevice())
     frame.setSequenceNum(like.getSequenceNum())
     frame.setInstanceNum(like.getInstanceNum())
-    # Not setCvFrame, which of 16 bits makes half floats in DepthAI 3.0.
+    # setCvFrame would turn 16 bits into half floats in DepthAI 3.0.
     height, width, *_ = image.shape
     frame.setType(kind)
     frame.setSize(width, height)

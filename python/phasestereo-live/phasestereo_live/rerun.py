@@ -1,4 +1,4 @@
-"""Frames logged to rerun (https://rerun.io), which shows them live, or replays them.
+"""Log frames to rerun (https://rerun.io), which shows them live or replays them.
 
 Needs the extra ``rerun``.
 """
@@ -38,30 +38,30 @@ def log_frame(
 ) -> None:
     """Log a matched frame.
 
-    On the timelines ``frame`` (its number) and ``time`` (seconds, if it has a time) there will be
+    On the timelines ``frame`` (its number) and ``time`` (seconds, if it has a time) this logs
     images at ``entity/left`` and ``entity/right``, and the disparities in pixels at
-    ``entity/disparity``. With a calibration there are colored points at ``entity/points``, the left
-    camera at ``entity/left`` (``Pinhole``) and its depths at ``entity/left/depth``, all in m.
+    ``entity/disparity``. With a calibration it also logs colored points at ``entity/points``, the
+    left camera at ``entity/left`` (``Pinhole``) and its depths at ``entity/left/depth``, all in m.
 
     Parameters
     ----------
     frame
         A frame of `phasestereo_live.stream`.
     entity
-        Path under which it is logged.
+        Path to log it under.
     low, high
         Disparities at the ends of the colors; None: those of each frame.
     calibration
-        The geometry of the rig, for images of this size; its unit is m where it has none.
+        The geometry of the rig, for images of this size; if it has no unit, m.
     selection
-        Which pixels have depths and points, in the unit of the baseline; None: the trusted ones.
+        The pixels that get depths and points, in the unit of the baseline; None: the trusted ones.
     recording
         A ``rerun.RecordingStream``; None: the current one, as ``rerun.init`` makes it.
 
     Raises
     ------
     ValueError
-        If the calibration is for images of another size, or one of low and high is missing.
+        If the calibration is for images of another size, or only one of low and high is given.
     ImportError
         If rerun is not installed.
     """
@@ -101,12 +101,12 @@ def log_frame(
 def _in_space(
     frame: Frame, calibration: Calibration, meters: float, selection: Selection
 ) -> dict[str, Any]:
-    """Return points and depths in m; those that are not kept are 0, which is not drawn."""
+    """Return points and depths in m, with 0, which rerun does not draw, for the others."""
     rerun = require("rerun", extra="rerun")
     cloud = point_cloud(frame.result, calibration, image=frame.left, **asdict(selection))
     bars = frame.result.uncertainty
     geometry = ranging(frame.result.disparity, calibration, uncertainty=bars, yaw=YAW, anchor=None)
-    whole = replace(selection, decimate=1)  # a picture has the size that its camera has
+    whole = replace(selection, decimate=1)  # a picture must have its camera's size
     depth = depths_of(frame.result, geometry, whole).depth * np.float32(meters)
     return {
         "points": rerun.Points3D(cloud.points * np.float32(meters), colors=cloud.colors),
@@ -124,7 +124,7 @@ def log_failure(failure: Failure, *, entity: str = "stereo", recording: Any = No
 
 @contextmanager
 def saving(path: StrPath) -> Iterator[Any]:
-    """Record to a file while the block lasts; it appears at its end, also after an error.
+    """Record to a file during the block; the file appears at its end, also after an error.
 
     Parameters
     ----------
@@ -134,12 +134,12 @@ def saving(path: StrPath) -> Iterator[Any]:
     Yields
     ------
     rerun.RecordingStream
-        What `log_frame` takes as ``recording``.
+        The ``recording`` for `log_frame`.
 
     Raises
     ------
     OSError
-        If its folder does not exist or cannot be written to, or it is not a file.
+        If its folder does not exist or is not writable, or the path is not a file.
     ValueError
         If it does not end in .rrd.
     ImportError

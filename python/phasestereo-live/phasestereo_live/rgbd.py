@@ -1,4 +1,4 @@
-"""Folders of images and depths, as mapping and reconstruction take them: TUM, nerfstudio, COLMAP.
+"""Folders of images and depths for mapping and reconstruction: TUM, nerfstudio, COLMAP.
 
 The left camera is rectified: it has no distortion. Depths and poses are in m.
 """
@@ -29,21 +29,21 @@ from phasestereo_live.video.streaming import Frame
 __all__ = ["LAYOUTS", "RgbdLayout", "RgbdWriter", "normal_map"]
 
 RgbdLayout: TypeAlias = Literal["tum", "nerfstudio", "colmap"]
-"""How files are named and what is beside them."""
+"""The names of the files, and the lists beside them."""
 
 LAYOUTS: tuple[RgbdLayout, ...] = get_args(RgbdLayout)
 
-_TUM = 5000.0  # units of a depth in a meter
+_TUM = 5000.0  # units of depth in a meter
 _HALF = 0.5  # pixels: COLMAP and nerfstudio count from the corner of the first pixel
-_RADIUS = 2  # pixels: a normal is that of the plane of 5 x 5 pixels
-_JOINED = 1.0  # pixels of disparity: neighbors that differ by more are of another surface
+_RADIUS = 2  # pixels: a plane through 5 x 5 pixels gives the normal
+_JOINED = 1.0  # pixels of disparity: neighbors that differ by more belong to another surface
 _FEWEST = 6  # pixels of that surface
 _TO_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])  # Y up, Z backward
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Shot:
-    """A frame that was written: its name, time (s), pose and camera."""
+    """A written frame: its name, time (s), pose and camera."""
 
     name: str
     time: float
@@ -56,15 +56,14 @@ class RgbdWriter(Closing):
 
     ``tum`` [1]_: ``rgb/`` and ``depth/`` (16 bits, 5000 units a meter), ``rgb.txt``, ``depth.txt``,
     ``associations.txt``, ``camera.txt`` (fx fy cx cy) and, with poses, ``groundtruth.txt``.
-    ``nerfstudio`` [2]_: ``images/``, ``depth/`` (mm) and ``transforms.json``. ``colmap`` [3]_:
-    a dense workspace, ``images/``, ``sparse/`` and ``stereo/`` with maps of depths and normals, for
-    ``stereo_fusion``. Lists are written when it is closed, also when an error ends the ``with``
-    block.
+    ``nerfstudio`` [2]_: ``images/``, ``depth/`` (mm) and ``transforms.json``. ``colmap`` [3]_: a
+    dense workspace, ``images/``, ``sparse/`` and ``stereo/`` with maps of depths and normals, for
+    ``stereo_fusion``. `close` writes the lists, also when an error ends the ``with`` block.
 
     Parameters
     ----------
     folder
-        The folder; it is made, and must be empty if it is there.
+        The folder; the writer makes it. If it exists, it must be empty.
     layout
         One of `LAYOUTS`.
 
@@ -115,15 +114,15 @@ class RgbdWriter(Closing):
         frame
             A frame of `phasestereo_live.stream`.
         calibration
-            The geometry of the rectified pair; its unit is m where it has none.
+            The geometry of the rectified pair; if it has no unit, m.
         selection
-            Which depths are kept, in the unit of the baseline; None: the trusted ones.
+            The depths to keep, in the unit of the baseline; None: the trusted ones.
         pose
             (4, 4), from the rectified left camera to the world, in m. None: the camera does not
             move.
         name
-            Name of the image without its suffix, as of a COLMAP model that there is. None: the time
-            for TUM, else the number.
+            Name of the image without its suffix, for example from an existing COLMAP model. None:
+            the time for TUM, else the number.
 
         Raises
         ------
@@ -182,7 +181,7 @@ class RgbdWriter(Closing):
         return place / name
 
     def _write_png(self, shot: _Shot, depth: Map, scale: float) -> None:
-        """Write depths in 16 bits; a frame without a depth that these hold is all 0."""
+        """Write depths in 16 bits; a frame without a depth that fits them becomes all 0."""
         held = np.where(depth * scale < np.iinfo(np.uint16).max, depth, np.float32(np.nan))
         path = self._place("depth", f"{shot.name}.png")
         write_depth(path, held, unit="m", depth_scale=scale)
@@ -254,20 +253,21 @@ def normal_map(depth: Map, calibration: Calibration) -> Map:
     -------
     ndarray
         float32 (H, W, 3), of length 1 in the frame of the left camera (X to the right, Y down, Z
-        forward), with Z < 0 on the axis; 0 elsewhere: fewer than 6 of 5 x 5 pixels are
-        of one surface, on which disparities differ by no more than 1 px from the middle.
+        forward), with Z < 0 on the axis; 0 where fewer than 6 of 5 x 5 pixels belong to one
+        surface, whose disparities differ by no more than 1 px from the middle.
 
     Notes
     -----
     The inverse depth of a plane is linear in the pixel, ``1 / Z = a x + b y + c``, and its normal
-    is ``-(a fx, b fy, c + a cx + b cy)`` but for the length: by least squares over the window.
+    is ``-(a fx, b fy, c + a cx + b cy)`` except for the length. Least squares over the window find
+    the plane.
     """
     rows, cols = depth.shape
     reach = calibration.focal * calibration.baseline
     with np.errstate(divide="ignore"):
         shift = np.pad(reach / depth.astype(np.float64), _RADIUS, constant_values=np.nan)
     middle = shift[_RADIUS:-_RADIUS, _RADIUS:-_RADIUS]
-    # Of the neighbors on the same surface: 1, x, y, xx, xy, yy, d, xd, yd, about the middle.
+    # Sums over the neighbors on the same surface: 1, x, y, xx, xy, yy, d, xd, yd, about the middle.
     sums = np.zeros((9, rows, cols))
     for y in range(-_RADIUS, _RADIUS + 1):
         for x in range(-_RADIUS, _RADIUS + 1):

@@ -1,4 +1,4 @@
-"""A flat wall at a known distance, and the tests that makers of depth cameras run on it."""
+"""The tests that makers of depth cameras run on a flat wall at a known distance."""
 
 from __future__ import annotations
 
@@ -21,14 +21,15 @@ LIMITS: Mapping[str, float] = {
     "subpixel": 0.1,
     "temporal": 1.0,
 }
-"""What Intel's data sheet of the D400 cameras promises up to 2 m (percent of the distance, a share
-of pixels); of sub-pixel errors, pixels, what its advice on tuning takes for a wall with texture."""
+"""The limits that Intel's data sheet of the D400 cameras promises up to 2 m (percent of the
+distance, a share of pixels); for sub-pixel errors (pixels), the value in its tuning guide for a
+wall with texture."""
 
-_SIDE = 0.8  # of the width and of the height: the part of the image that the data sheet has
+_SIDE = 0.8  # of the width and of the height: the part of the image that the data sheet uses
 
 
 class _Frame(NamedTuple):
-    """What one frame shows of the wall: shares, pixels, and lengths in the baseline's unit."""
+    """Measurements of the wall in one frame: shares, pixels, and lengths in the baseline's unit."""
 
     fill: float
     accuracy: float
@@ -39,8 +40,8 @@ class _Frame(NamedTuple):
 class Wall:
     r"""A test of depths on a flat wall with texture, as makers of cameras define it.
 
-    Counted are the middle 80 % of the columns and rows, as far as the right camera sees the wall
-    there, and in these the pixels that are trusted.
+    The test counts the middle 80 % of the columns and rows, as far as the right camera sees the
+    wall there, and in these the trusted pixels.
 
     ============  =======  ======================================================================
     ``fill``      share    pixels that are trusted
@@ -51,7 +52,7 @@ class Wall:
     ``temporal``  percent  standard deviation of a pixel's depth over the frames, median
     ============  =======  ======================================================================
 
-    Percents are of the true distance; the first four are medians over the frames.
+    Percents refer to the true distance; the first four are medians over the frames.
 
     Parameters
     ----------
@@ -61,19 +62,19 @@ class Wall:
     calibration
         The geometry of the rectified frames.
     unit
-        The unit of the baseline, which sentences name.
+        The unit of the baseline, for use in sentences.
 
     Raises
     ------
     TypeError, ValueError
-        If the distance is not a positive number, or the cameras do not see the same of a wall as
-        near as that.
+        If the distance is not a positive number, or the cameras see no common part of a wall at
+        that distance.
 
     Notes
     -----
-    The definitions are those of Intel's *Depth quality testing methodology* and its tool
-    ``rs-depth-quality``. The plane is fitted to disparities, of which a plane in space is a linear
-    function: their errors are of one size, those of depths are not.
+    The definitions come from Intel's *Depth quality testing methodology* and its tool
+    ``rs-depth-quality``. The plane is fitted to disparities, because a plane in space is linear in
+    them, and because their errors all have one size while those of depths do not.
 
     Examples
     --------
@@ -95,7 +96,7 @@ class Wall:
                 + f", of which the cameras, {calibration.baseline:g} {unit}".rstrip()
                 + " apart, see nothing in common; accepts a wall farther away"
             )
-        # Of each pixel: frames that see it, the mean of its depths, the sum of squared deviations.
+        # For each pixel: frames that see it, the mean of its depths, the sum of squared deviations.
         self._counts = np.zeros(size, np.int64)
         self._means = np.zeros(size)
         self._squares = np.zeros(size)
@@ -111,9 +112,9 @@ class Wall:
         Raises
         ------
         ValueError
-            If it is of another size than the calibration, its images were rectified by what they
-            show, so that the calibration is not theirs, or it has less than three trusted pixels on
-            the wall.
+            If its size differs from the calibration's, its images were rectified without a
+            calibration, so that this one does not fit them, or it has fewer than three trusted
+            pixels on the wall.
         """
         if result.rectified is not None:
             raise ValueError(
@@ -141,7 +142,8 @@ class Wall:
         Parameters
         ----------
         limits
-            Limits in the place of `LIMITS`, by name: at most, of "fill" at least.
+            Limits that replace those in `LIMITS`, by name: upper limits, but a lower limit for
+            "fill".
 
         Returns
         -------
@@ -217,7 +219,7 @@ class Wall:
     def _accumulate(
         self, rows: NDArray[np.int64], columns: NDArray[np.int64], depths: NDArray[np.float64]
     ) -> None:
-        """Update means and squares by one more frame, after B. P. Welford, Technometrics 1962."""
+        """Update means and squares with one more frame, after B. P. Welford, Technometrics 1962."""
         at = rows, columns
         self._counts[at] += 1
         apart = depths - self._means[at]
@@ -225,7 +227,7 @@ class Wall:
         self._squares[at] += apart * (depths - self._means[at])
 
     def _temporal(self) -> float:
-        """Return the standard deviation of depths over the frames; NaN: there is one frame."""
+        """Return the standard deviation of depths over the frames; NaN for only one frame."""
         count = len(self._frames)
         always = self._counts == count
         if count < 2 or not always.any():
