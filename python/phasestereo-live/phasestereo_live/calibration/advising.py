@@ -52,10 +52,10 @@ def advice(
     focal
         Standard deviation of the worse focal length, as a share of it.
     parallax
-        Disparity of the farthest board, as a share of the width: a strip this wide at the left of
-        the left image is not in the right one, and the other way round.
+        Disparity of the farthest board, as a share of the width: the right image does not show a
+        strip this wide at the left of the left image, and vice versa.
     unit
-        Unit of distances: "m", or "squares" where the size of a square is unknown.
+        Unit of distances: "m", or "squares" if the size of a square is unknown.
     """
     used = [view for view in views if view.used]
     said = []

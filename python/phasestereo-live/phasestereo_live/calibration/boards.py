@@ -1,4 +1,4 @@
-"""Boards: chessboards and ChArUco boards, found in pictures by OpenCV, one order in both views."""
+"""Find chessboards and ChArUco boards in pictures with OpenCV, in one order in both views."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from phasestereo._numbers import as_integer, as_number
 _LEAST, _MOST = 3, 64  # corners along a side
 _FEWEST = 8  # corners that both views of a pair must share
 _WINDOW = 0.3  # of a square, either way
-_MARKER = 0.75  # of a square, where a marker's length is not given
+_MARKER = 0.75  # of a square, if a marker's length is not given
 
 
 class Corners(NamedTuple):
-    """Corners found in one picture: which ones (N,), and where (N, 2), pixels."""
+    """Corners found in one picture: their numbers (N,), and their positions (N, 2), pixels."""
 
     ids: NDArray[np.int64]
     places: NDArray[np.float64]
@@ -34,8 +34,8 @@ class Board:
     Parameters
     ----------
     size
-        Corners along and across: for a chessboard those inside, for a ChArUco board those between
-        its squares. None: unknown, for chessboards.
+        Corners along and across: for a chessboard the inner ones, for a ChArUco board the ones
+        between its squares. None: unknown, for chessboards.
     square
         Side of a square; 1 if unknown.
     marker
@@ -65,7 +65,7 @@ class Board:
         return grid * self.square
 
     def find(self, image: NDArray[np.uint8]) -> Corners | None:
-        """Return the corners in a gray picture after a quick search; None: it shows no board.
+        """Return the corners in a gray picture after a quick search, or None if it shows no board.
 
         For a chessboard of unknown size, ids count along rows of the detected size.
         """
@@ -88,10 +88,10 @@ class Board:
         return None
 
     def measure(self, image: NDArray[np.uint8]) -> list[Corners]:
-        """Return the corners in a gray picture by each way to measure them.
+        """Return the corners in a gray picture, once for each way to measure them.
 
         OpenCV's finder measures corners of real prints, a little out of focus, better than the
-        gradients in windows around them, and corners of small squares worse.
+        gradients around them do, but it measures corners of small squares worse.
         """
         if self.dictionary is not None:
             found = self._find_charuco(image)
@@ -121,7 +121,8 @@ class Board:
         cols, rows = self.size or (0, 0)
         dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, str(self.dictionary)))
 
-        # Boards printed by OpenCV before 4.6 begin with another square if rows are even.
+        # Boards printed by OpenCV before 4.6 begin with another square if the number of rows is
+        # even.
         for is_old in (False, True) if rows % 2 else (False,):
             board = cv2.aruco.CharucoBoard(
                 (cols + 1, rows + 1), float(self.square), float(self.marker), dictionary
@@ -185,30 +186,30 @@ def _as_size(board: str | tuple[int, int]) -> tuple[int, int]:
 def common_size(
     grids: Iterable[NDArray[np.float64] | None], least: int = 1
 ) -> tuple[int, int] | None:
-    """Return columns and rows that most pictures of one chessboard show, the longer side first.
+    """Return the columns and rows that most pictures of one chessboard show, longer side first.
 
-    None: fewer pictures than `least` show one size.
+    Return None if fewer pictures than `least` show one size.
     """
     shapes = [tuple(sorted(grid.shape[:2])) for grid in grids if grid is not None]
     counts = Counter(shapes)
-    # For equal counts the larger one: a hidden row makes a board smaller.
+    # For equal counts, take the larger size: a hidden row makes a board smaller.
     shape = max(counts, key=lambda shape: (counts[shape], shape), default=None)
     return None if shape is None or counts[shape] < least else (shape[1], shape[0])
 
 
 def as_ordered(grid: NDArray[np.float64], board: Board) -> Corners:
-    """Return a grid's corners by their numbers on a board; without a size those of the grid."""
+    """Return a grid's corners by their numbers on a board, or on the grid if no size is known."""
     if board.size is not None and grid.shape[1::-1] != board.size:
         grid = _right_handed(grid.swapaxes(0, 1))
     return Corners(np.arange(grid[..., 0].size), grid.reshape(-1, 2))
 
 
 def matched(board: Board, left: Corners, right: Corners) -> tuple[Corners, Corners] | None:
-    """Return the corners that both views show, in the same order; None: too few.
+    """Return the corners that both views show, in the same order, or None if there are too few.
 
     A chessboard looks the same after half a turn, a square one after a quarter, and a finder may
-    begin anywhere. This function takes the order that turns the board least between both views,
-    which is right for cameras turned by less than 90 (45) degrees to each other.
+    begin anywhere. This function takes the order that turns the board least between both views.
+    That is right for cameras turned by less than 90 (45) degrees to each other.
     """
     if board.dictionary is None:
         return left, _turned_like(board, left, right)
@@ -243,7 +244,7 @@ def flipped(board: Board, view: Corners, like: Corners, ends: NDArray[np.float64
     like
         The corners in the other view, which set the order.
     ends
-        The last column and row if these are flipped, else 0: (2,).
+        The last column and row if the picture flips these, else 0: (2,).
     """
     cols, rows = board.size or (0, 0)
     places = np.where(ends > 0, ends - view.places, view.places)

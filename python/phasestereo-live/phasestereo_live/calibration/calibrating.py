@@ -1,4 +1,4 @@
-"""From pictures of a board to a calibration: found, checked, fitted, without what does not fit."""
+"""Make a calibration from pictures of a board: find it, check it, fit cameras, drop misfits."""
 
 from __future__ import annotations
 
@@ -38,12 +38,12 @@ from phasestereo_live.calibration.solving import (
 from phasestereo_live.calibration.sources import BoardPaths, Gray, Shot, shots
 
 LEAST_VIEWS = 6
-_HALVES = 12  # views, from which on each half is held against the other
+_HALVES = 12  # views: with this many, test each half against the other
 _OUTLIER = 3.0  # of the median error of views
-_UNFIT = 2.0  # pixels that corners of a rig are never off by
-_SAME = 0.5  # pixels by which one picture's corners differ from its own, compressed again
-_AGREEING, _EARLY = 4, 16  # pictures that show one size of board; pairs that are looked at for it
-_NAMED = 5  # views that a message names
+_UNFIT = 2.0  # pixels: corners of a rig are never off by this much
+_SAME = 0.5  # pixels: corners of one picture differ by less if it is compressed again
+_AGREEING, _EARLY = 4, 16  # pictures that show one size of board; pairs to search for it
+_NAMED = 5  # views to name in a message
 
 
 def calibrate(
@@ -67,22 +67,23 @@ def calibrate(
           files whose names say ``left`` and ``right`` or ``L`` and ``R``.
         - A folder of the left camera's pictures, with `right`.
         - A video of both views beside each other, or of the left camera, with `right`.
-        - A list of pairs of images, as `phasestereo.match` takes them.
+        - A list of pairs of images, as in `phasestereo.match`.
     right
-        The right camera's folder or video: as many pictures, or the same names; frames of the same
-        moments.
+        The right camera's folder or video: the same number of pictures, or the same names; frames
+        of the same moments.
     board
-        Of a chessboard the inner corners, ``"9x6"`` or ``(9, 6)``; of a ChArUco board its squares.
-        None: a chessboard, whose size most pictures show.
+        For a chessboard, its inner corners, ``"9x6"`` or ``(9, 6)``; for a ChArUco board, its
+        squares. None: a chessboard of the size that most pictures show.
     square
-        Side of a square, meters, which all lengths are then in. None: lengths are in squares.
+        Side of a square in meters; all lengths are then in meters. None: lengths are in squares.
     charuco
         Dictionary of a ChArUco board's markers, such as ``"DICT_5X5_100"``. None: a chessboard.
     marker
         Side of a marker of a ChArUco board, meters. None: three quarters of a square.
     layout
-        Where each picture of a folder, or of a video, holds both views: ``"side-by-side"`` or
-        ``"top-bottom"``. None: no picture of a folder does, and those of one video side by side.
+        How each picture of a folder, or of a video, holds both views: ``"side-by-side"`` or
+        ``"top-bottom"``. None: a picture of a folder holds one view, and a single video holds both
+        side by side.
 
     Returns
     -------
@@ -94,9 +95,9 @@ def calibrate(
         If an argument has the wrong type.
     ValueError
         If fewer than 6 pairs show the board in both views (the message names some of the others),
-        pictures differ in size, both views are the same camera's, left and right are exchanged, one
-        is mirrored, no two cameras see what the pictures show, or rows of the rectified pair would
-        be three times as far off as corners are.
+        pictures differ in size, both views come from the same camera, left and right are swapped,
+        one is mirrored, no two cameras could see what the pictures show, or the error in rows of
+        the rectified pair would be three times the error of corners.
     OSError
         If a folder or a video cannot be read.
     ImportError
@@ -104,10 +105,10 @@ def calibrate(
 
     Notes
     -----
-    The board is found by OpenCV's ``findChessboardCornersSB`` [1]_, or its ChArUco detector, and
-    the cameras by its ``stereoCalibrate``, all numbers together, after Zhang [2]_; lenses of which
-    that leaves rows are fitted as those of ``cv2.fisheye``. Views whose
-    error is more than three times the median are left out, one at a time.
+    OpenCV's ``findChessboardCornersSB`` [1]_, or its ChArUco detector, finds the board. Its
+    ``stereoCalibrate`` fits the cameras, all numbers together, after Zhang [2]_; if that leaves
+    errors in rows, the lenses are fitted with the model of ``cv2.fisheye``. Views whose error is
+    more than three times the median are left out, one at a time.
 
     References
     ----------
@@ -125,7 +126,7 @@ def calibrate(
     known, ways, size = _look(taken, wanted)
     _check_same(ways[0])
 
-    # Of both ways to measure corners the one that leaves less.
+    # Take the way to measure corners that leaves the smaller error.
     fits = [_fit_without_outliers(known, views, size) for views in ways]
     views, fitted = min(fits, key=lambda found: float(np.median(found[1].errors)))
     _check_rig(fitted, known, views, size)
@@ -138,7 +139,7 @@ def _places(board: Board, image: Gray) -> NDArray[np.float64] | None:
 
 
 class _Look(NamedTuple):
-    """The corners of a pair of pictures, by each way to measure them; or why there are none."""
+    """The corners of a pair of pictures, for each way to measure them, or why it shows none."""
 
     names: tuple[str, str]
     found: tuple[tuple[Corners, Corners], ...] = ()
@@ -150,8 +151,8 @@ def _look(
 ) -> tuple[Board, list[list[BoardView]], tuple[int, int]]:
     """Find the board in all pictures.
 
-    Returns the board, of known size, the views by each way to measure corners, and columns and rows
-    of the pictures.
+    Returns the board with its size, the views for each way to measure corners, and the columns and
+    rows of the pictures.
     """
     size, looks = None, []
     board, taken = _sized(board, taken)
@@ -181,7 +182,7 @@ def _look(
 
 
 def _sized(board: Board, taken: Iterator[Shot]) -> tuple[Board, Iterator[Shot]]:
-    """Return a board whose size is that of the first ones found, and all pictures."""
+    """Return a board with the size of the first ones found, and all pictures."""
     early: list[Shot] = []
     size, grids = board.size, []
     while size is None and len(early) < _EARLY:
@@ -197,7 +198,7 @@ def _sized(board: Board, taken: Iterator[Shot]) -> tuple[Board, Iterator[Shot]]:
 def _checked_size(
     names: tuple[str, str], images: tuple[Gray, Gray], size: tuple[int, int] | None
 ) -> tuple[int, int]:
-    """Return columns and rows of both pictures, which are those of all before."""
+    """Return the columns and rows of both pictures; refuse a size unlike the earlier ones."""
     cols, rows = size or images[0].shape[::-1]
     for name, image in zip(names, images, strict=True):
         if image.shape != (rows, cols):
@@ -221,7 +222,7 @@ def _looked(names: tuple[str, str], images: tuple[Gray, Gray], board: Board) -> 
 
 
 def _view(look: _Look, board: Board, way: int) -> BoardView:
-    """Return a view with the corners that both pictures show, or the reason why there are none."""
+    """Return a view with the corners that both pictures show, or the reason why it has none."""
     none = np.zeros((0, 2))
     empty = BoardView(names=look.names, ids=np.zeros(0, np.int64), left=none, right=none)
     if not look.found:
@@ -236,7 +237,7 @@ def _view(look: _Look, board: Board, way: int) -> BoardView:
 
 
 def _check_same(views: Sequence[BoardView]) -> None:
-    """Refuse views that are one camera's: no two cameras have corners on the same pixels."""
+    """Refuse views from one camera: two cameras never have all corners on the same pixels."""
     apart = [np.median(np.abs(view.left - view.right)) for view in views if view.used]
     if np.median(apart) < _SAME:
         names = next(view.names for view in views if view.used)
@@ -253,7 +254,7 @@ def _sights(board: Board, views: Sequence[BoardView]) -> list[Sight]:
 def _fit_without_outliers(
     board: Board, views: Sequence[BoardView], size: tuple[int, int]
 ) -> tuple[list[BoardView], Fit]:
-    """Fit the cameras; leave out the worst view as long as it is far worse than the others."""
+    """Fit the cameras; leave out the worst view while it is far worse than the others."""
     kept = list(views)
     fitted, lens = None, None
     while True:
@@ -261,8 +262,8 @@ def _fit_without_outliers(
         sights = _sights(board, [kept[at] for at in used])
         fitted = fit(sights, size, lens)
 
-        # False pairs distort the fit of all cameras; the pose of most views resists them.
-        # What is a little off bends them, too: of these the worst alone is left out at a time.
+        # False pairs distort the fit of all cameras; the pose of most views resists them. Views
+        # that are a little off bend the fit, too: leave out only the worst one at a time.
         fits = rms(fitted.errors) < _UNFIT
         errors = fitted.errors if fits else disagreement(sights, size)
         usual = float(np.median(errors))
@@ -282,7 +283,7 @@ def _fit_without_outliers(
 def _check_rig(
     fitted: Fit, board: Board, views: Sequence[BoardView], size: tuple[int, int]
 ) -> None:
-    """Refuse cameras that are no rig, and say what is wrong with the pictures."""
+    """Refuse cameras that cannot be a rig, and say what is wrong with the pictures."""
     used = [view for view in views if view.used]
     files = f"{used[0].names[0]} and {used[0].names[1]}, for example"
     error = rms(fitted.errors)
@@ -320,8 +321,8 @@ def _check_rig(
 
 
 def _flips(board: Board, used: Sequence[BoardView], size: tuple[int, int], error: float) -> str:
-    """Return the fault of one camera's pictures, if corners fit far better without it."""
-    if board.dictionary is not None:  # whose markers would not be found, or would show it
+    """Return the fault of one camera's pictures, if corners fit far better without that fault."""
+    if board.dictionary is not None:  # the finder misses such markers, or they show the fault
         return ""
 
     found = {}
@@ -400,7 +401,7 @@ def _posed(view: BoardView, board: Board, pose: tuple[Matrix, Matrix]) -> BoardV
 
 
 def _held_out(sights: Sequence[Sight], size: tuple[int, int], lens: Lens) -> float | None:
-    """Return by how much rows differ in views by cameras that were fitted to others."""
+    """Return the difference of rows in views, for cameras fitted to the other views."""
     if len(sights) < _HALVES:
         return None
     halves = sights[::2], sights[1::2]

@@ -27,7 +27,7 @@ _TICKS = (1, 2, 5)  # in each decade
 
 
 def distances_of(calibration: StereoCalibration) -> list[float]:
-    """Return distances at which depth errors are reported: 1, 3 and 10 m, or times 15 baselines."""
+    """Return the distances to report depth errors at: 1, 3 and 10 m, or times 15 baselines."""
     step = 1.0 if calibration.unit == "m" else 15 * calibration.baseline
     return [step, 3 * step, 10 * step]
 
@@ -103,7 +103,7 @@ class _Image:
 
 
 def _camera_rows(found: StereoCalibration) -> list[tuple[str, str, str]]:
-    """Return name, value and standard deviation of the numbers that people ask for."""
+    """Return the name, value and standard deviation of the numbers that people ask for."""
     spread = found.deviations
     rows = [
         (f"{side} {what}", f"{matrix[at]:.2f} px", f"{spread[f'{name}{number}']:.2f}")
@@ -121,7 +121,7 @@ def _camera_rows(found: StereoCalibration) -> list[tuple[str, str, str]]:
 
 
 def _plot(found: StereoCalibration) -> dict[str, Any]:
-    """Return lines and ticks of the plot of errors over distances, both on logarithmic scales."""
+    """Return the lines and ticks of the plot of errors over distances, both on log scales."""
     distances = np.geomspace(_NEAREST, _FARTHEST, _SAMPLES) * found.baseline
     errors = found.depth_error(distances)
     shown = {

@@ -23,7 +23,7 @@ from phasestereo_live.calibration.solving import (
 )
 
 CELLS = 6, 8
-"""Rows and columns of the grid by which coverage is counted."""
+"""Rows and columns of the grid that counts coverage."""
 
 _SUFFIXES = ".yaml", ".yml", ".xml"
 _TURNS = "pitch", "yaw", "roll"
@@ -45,10 +45,10 @@ class BoardView:
     used
         Whether the calibration uses it.
     reason
-        The reason if not, in words; else empty.
+        The reason if it does not, in words; else empty.
     error
-        Root mean square distance of its corners from where the cameras see them, pixels. NaN if the
-        board was not found.
+        Root mean square distance of its corners from where the cameras see them, pixels. NaN if no
+        board was found.
     rows
         Root mean square difference of their rows in the rectified pair, pixels.
     distance
@@ -78,11 +78,12 @@ class DepthError(NamedTuple):
     distance
         The distances.
     disparity
-        What an error of the disparity makes of them.
+        The part from an error of the disparity.
     focal, baseline, yaw
-        What the calibration leaves open: by the focal lengths, by where the right camera is, and by
-        the directions of both (rotation, principal points, distortion). Together they are known
-        better than each alone, so `calibration` may be less than any of them.
+        The parts from the uncertainty of the calibration: of the focal lengths, of the position of
+        the right camera, and of the directions of both (rotation, principal points, distortion).
+        The calibration knows them better together than each alone, so `calibration` may be less
+        than any of them.
     calibration
         All of these together.
     total
@@ -100,21 +101,21 @@ class DepthError(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class StereoCalibration:
-    """Two calibrated cameras, by OpenCV's names; `phasestereo.rectify` takes file or `matrices`.
+    """Two calibrated cameras, with OpenCV's names; `phasestereo.rectify` takes file or `matrices`.
 
     Parameters
     ----------
     K1, K2
         Camera matrices (3, 3), pixels.
     D1, D2
-        Distortion, (1, 5) or (1, 8): k1, k2, p1, p2, k3 ... as ``cv2.projectPoints`` has them; of
-        fisheyes (1, 4), as ``cv2.fisheye`` has them.
+        Distortion, (1, 5) or (1, 8): k1, k2, p1, p2, k3 ... as in ``cv2.projectPoints``; for
+        fisheyes (1, 4), as in ``cv2.fisheye``.
     R, T
         Rotation (3, 3) and translation (3, 1) from the left camera to the right one.
     size
         Columns and rows of the images.
     unit
-        Of T and of distances: ``"m"``, or ``"squares"`` of the board where their size is unknown.
+        Unit of T and of distances: ``"m"``, or ``"squares"`` of the board if their size is unknown.
     board
         The board, in words.
     views
@@ -124,8 +125,8 @@ class StereoCalibration:
     rows
         Root mean square difference of rows of rectified corners, pixels.
     held_out
-        The same for views outside the fit: half of them with cameras fitted to the other half.
-        None: too few views.
+        The same for views outside the fit: each half with cameras fitted to the other half. None:
+        too few views.
     covariance
         Of fx, fy, cx, cy and the distortion of the left camera, those of the right one, the vector
         of the rotation (``cv2.Rodrigues``) and T: 0 for parameters that are not fitted.
@@ -134,7 +135,7 @@ class StereoCalibration:
     advice
         The next pictures to take, a sentence each; empty if nothing is missing.
     fisheye
-        Whether the lenses are those of ``cv2.fisheye``.
+        Whether the lenses follow the model of ``cv2.fisheye``.
 
     Examples
     --------
@@ -167,19 +168,19 @@ class StereoCalibration:
 
     @property
     def matrices(self) -> dict[str, Any]:
-        """The matrices by OpenCV's names, and the size."""
+        """The matrices under OpenCV's names, and the size."""
         found = {name: getattr(self, name) for name in ("K1", "D1", "K2", "D2", "R", "T")}
         model = {"distortion_model": "equidistant"} if self.fisheye else {}
         return found | {"image_width": self.size[0], "image_height": self.size[1]} | model
 
     @property
     def baseline(self) -> float:
-        """Distance of the cameras, in the unit of T."""
+        """Distance between the cameras, in the unit of T."""
         return float(np.linalg.norm(self.T))
 
     @property
     def angles(self) -> dict[str, float]:
-        """Degrees by which the right camera is turned: ``pitch``, ``yaw``, ``roll`` (x, y, z)."""
+        """Rotation of the right camera in degrees: ``pitch``, ``yaw``, ``roll`` (x, y, z)."""
         turns = np.degrees(vector(self.matrices)[-6:-3]).tolist()
         return dict(zip(_TURNS, turns, strict=True))
 
@@ -247,7 +248,7 @@ class StereoCalibration:
         )
 
     def _gradients(self, depths: Matrix) -> Matrix:
-        """Return derivatives of depths by the cameras' numbers, (N, points, numbers)."""
+        """Return the derivatives of depths by the cameras' numbers, (N, points, numbers)."""
         cv2 = require("cv2", extra="rectify")
         numbers = vector(self.matrices)
         steps = _STEP * np.sqrt(np.diag(self.covariance))
@@ -270,7 +271,7 @@ class StereoCalibration:
         return found.reshape(len(depths), len(rays), -1)
 
     def save(self, path: StrPath) -> None:
-        """Write it to a file as ``cv2.FileStorage`` does; `phasestereo.rectify` reads it.
+        """Write the calibration in the format of ``cv2.FileStorage``, for `phasestereo.rectify`.
 
         Parameters
         ----------
@@ -305,7 +306,7 @@ class StereoCalibration:
 
 
 def _triangulated(matrices: dict[str, Matrix], left: Matrix, right: Matrix, lens: Lens) -> Matrix:
-    """Return depths at which rays of the left camera pass those of the right one closest."""
+    """Return the depths where rays of the left camera pass those of the right one closest."""
     rays = [
         undistorted_by(lens, places, matrices[f"K{side}"], matrices[f"D{side}"])
         for side, places in (("1", left), ("2", right))

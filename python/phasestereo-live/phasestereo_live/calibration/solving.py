@@ -5,10 +5,10 @@ pose. So this module computes the covariance of all of them from OpenCV's deriva
 the poses of the board from the normal equations of all corners (Schur's complement), inverts the
 rest, and multiplies by the variance of the corners' errors.
 
-Lenses of 120 degrees and more are those of `cv2.fisheye`. Its own `calibrate` does not start if
-boards are far from the axis (an assertion of OpenCV 5.0 fails in 55 views of up to 70 degrees). So
-the same normal equations, damped, fit them here (Levenberg and Marquardt), from rays of an
-equidistant lens.
+Lenses of 120 degrees and more follow the model of `cv2.fisheye`. Its own `calibrate` does not start
+if boards are far from the axis (an assertion of OpenCV 5.0 fails in 55 views of up to 70 degrees).
+So this module fits them with the same normal equations, damped (Levenberg and Marquardt), and
+starts from rays of an equidistant lens.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ Lens: TypeAlias = Literal[4, 5, 8, "fisheye"]
 """Coefficients of distortion (k1, k2, p1, p2; k3; a ratio of polynomials), or `cv2.fisheye`."""
 
 ROWS_OVER = 3.0
-"""Times the error of corners that rows may have: those of cameras that fit have about as much."""
+"""Largest error of rows, as a multiple of that of corners: it is about equal if cameras fit."""
 
 FITS = 0.5
-"""Pixels: views whose corners are off by less are never left out."""
+"""Pixels: the fit always keeps views whose corners are off by less."""
 
-_STARTS = 0.5, 0.7, 1.0, 1.4  # focal lengths of fisheyes, times that of 180 degrees in the width
+_STARTS = 0.5, 0.7, 1.0, 1.4  # focal lengths of fisheyes, in multiples of that for 180 degrees
 _STEPS, _STILL = 100, 1e-9  # of a fit: steps at most, and the relative change that ends it
-_BETTER = 0.95  # of the error with fewer coefficients: the limit for taking more of them
+_BETTER = 0.95  # of the error with fewer coefficients: the limit for using more
 
 
 class Sight(NamedTuple):
@@ -54,13 +54,14 @@ class Fit:
     matrices
         ``K1``, ``D1``, ``K2``, ``D2``, ``R``, ``T``.
     poses
-        Of the board before the left camera: a rotation's vector and a translation for each view.
+        Poses of the board before the left camera: a rotation's vector and a translation for each
+        view.
     errors
-        Root mean square distance of corners from where the cameras see them, each view, pixels.
+        Root mean square distance of corners from where the cameras see them, for each view, pixels.
     rows
-        Root mean square difference of rows of the rectified corners, each view, pixels.
+        Root mean square difference of rows of the rectified corners, for each view, pixels.
     covariance
-        Of the numbers of `vector`.
+        Covariance of the numbers of `vector`.
     lens
         The fitted lens.
     """
@@ -74,7 +75,7 @@ class Fit:
 
 
 def vector(matrices: dict[str, Matrix]) -> Matrix:
-    """Return the numbers of both cameras: fx, fy, cx, cy, D of each, the rotation's vector, T."""
+    """Return the numbers of both cameras: fx, fy, cx, cy, D for each, the rotation's vector, T."""
     rotation = require("cv2", extra="rectify").Rodrigues(matrices["R"])[0]
     cameras = [
         part
@@ -149,10 +150,10 @@ def is_far_off(found: Fit) -> bool:
 
 
 def disagreement(sights: Sequence[Sight], size: tuple[int, int]) -> Matrix:
-    """Return each view's corner error for the right camera pose of most views, pixels.
+    """Return each view's corner error, given the right camera's pose in most views, pixels.
 
-    Each camera is fitted alone. Each view then gives their relative pose; the result is the median
-    of all views' rotations and translations.
+    This function fits each camera alone. Each view then gives their relative pose; the pose used is
+    the median of all views' rotations and translations.
     """
     cv2 = require("cv2", extra="rectify")
     points, left, right = _as_lists(sights)
@@ -172,7 +173,7 @@ def disagreement(sights: Sequence[Sight], size: tuple[int, int]) -> Matrix:
 
 
 def _as_lists(sights: Sequence[Sight]) -> list[list[NDArray[np.float32]]]:
-    """Return points, left and right corners as OpenCV takes them."""
+    """Return points, left and right corners in OpenCV's form."""
     parts = zip(*sights, strict=True)
     return [[np.asarray(view, dtype=np.float32) for view in part] for part in parts]
 
@@ -213,7 +214,7 @@ def _cameras(
         flags=flags | cv2.CALIB_USE_INTRINSIC_GUESS, criteria=until,
     )  # fmt: skip
 
-    # After eight coefficients OpenCV has others, which are 0.
+    # After eight coefficients OpenCV has more, which are 0.
     d1, d2 = (np.asarray(d, dtype=np.float64).reshape(1, -1)[:, : max(count, 5)] for d in (d1, d2))
     found = {"K1": k1, "D1": d1, "K2": k2, "D2": d2, "R": r, "T": t}
     return found, list(zip(rotations, moves, strict=True))
@@ -222,7 +223,7 @@ def _cameras(
 def _fisheyes(
     sights: Sequence[Sight], size: tuple[int, int]
 ) -> tuple[dict[str, Matrix], list[tuple[Matrix, Matrix]]]:
-    """Return the fisheyes with the least squares, and the board's poses."""
+    """Return the fisheyes with the smallest sum of squares, and the board's poses."""
     starts = [_start(sights, size, share * size[0] / np.pi) for share in _STARTS]
     numbers, poses = min(starts, key=lambda one: _squares(sights, *one))
     least, damping = _squares(sights, numbers, poses), 1e-3
@@ -248,7 +249,7 @@ def _fisheyes(
 def _start(
     sights: Sequence[Sight], size: tuple[int, int], focal: float
 ) -> tuple[Matrix, list[tuple[Matrix, Matrix]]]:
-    """Return numbers and poses of equidistant lenses, by the rays that corners have there."""
+    """Return the numbers and poses of equidistant lenses, from the rays of the corners."""
     cv2 = require("cv2", extra="rectify")
     middle = (np.array(size) - 1) / 2
     relative, poses = [], []
@@ -264,13 +265,13 @@ def _start(
 
 
 def _facing(points: Matrix, places: Matrix, middle: Matrix, focal: float) -> tuple[Matrix, Matrix]:
-    """Return the rotation and the place of a plane by rays through its points (DLT)."""
+    """Return the rotation and the place of a plane from rays through its points (DLT)."""
     flat = (places - middle) / focal
     angle = np.linalg.norm(flat, axis=1, keepdims=True)
     rays = np.column_stack([flat * np.sinc(angle / np.pi), np.cos(angle)])
     # Each ray is parallel to H (x, y, 1), with H of two columns of the rotation and the place.
     plane = np.column_stack([points[:, :2], np.ones(len(points))])
-    skew = np.cross(rays[:, np.newaxis], np.eye(3))  # of a ray r: rows (r x e), so that r x v = 0
+    skew = np.cross(rays[:, np.newaxis], np.eye(3))  # for a ray r: rows (r x e), so that r x v = 0
     equations = np.einsum("nij,nk->nijk", skew, plane).reshape(-1, 9)
     h = np.linalg.svd(equations, full_matrices=False)[2][-1].reshape(3, 3)
     h *= np.sign(np.einsum("ni,ij,nj->", rays, h, plane)) or 1
@@ -282,7 +283,7 @@ def _facing(points: Matrix, places: Matrix, middle: Matrix, focal: float) -> tup
 def _squares(
     sights: Sequence[Sight], numbers: Matrix, poses: Sequence[tuple[Matrix, Matrix]]
 ) -> float:
-    """Return the sum of squares of fisheyes; infinite where they see nothing."""
+    """Return the sum of squares of fisheyes; infinite if they see nothing."""
     matrices = from_vector(numbers)
     parts = [_derivatives(*one, matrices, "fisheye")[0] for one in zip(sights, poses, strict=True)]
     total = float(sum(np.sum(part**2) for part in parts))
@@ -295,7 +296,7 @@ def _stepped(
     parts: Sequence[tuple[Matrix, Matrix, Matrix]],
     damping: float,
 ) -> tuple[Matrix, list[tuple[Matrix, Matrix]]]:
-    """Return numbers and poses after a damped step of least squares, poses eliminated."""
+    """Return the numbers and poses after a damped least-squares step that eliminates the poses."""
     normal, slope = np.zeros((numbers.size, numbers.size)), np.zeros(numbers.size)
     own = []
     for residual, shared, pose in parts:
@@ -322,7 +323,7 @@ def _residuals_and_covariance(
 ) -> tuple[list[Matrix], Matrix]:
     """Return each view's residuals, and the covariance of the cameras' parameters."""
     total = vector(matrices).size
-    # OpenCV keeps five coefficients where four are fitted: k3 is 0, and known.
+    # OpenCV keeps five coefficients even if it fits four: k3 is 0, and known.
     one = (total - 6) // 2
     count = 4 if lens == "fisheye" else lens
     free = np.array([i for i in range(total) if i >= 2 * one or i % one < 4 + count])
@@ -336,7 +337,7 @@ def _residuals_and_covariance(
         coordinates += residual.size
 
     known = normal[np.ix_(free, free)]
-    scale = 1 / np.sqrt(np.diag(known))  # pixels and lengths are of different sizes
+    scale = 1 / np.sqrt(np.diag(known))  # pixels and lengths have different magnitudes
     inverse = np.linalg.inv(known * np.outer(scale, scale)) * np.outer(scale, scale)
     degrees = coordinates - len(free) - 6 * len(sights)
     variance = sum(float(np.sum(each**2)) for each in residuals) / degrees
@@ -349,12 +350,12 @@ def _residuals_and_covariance(
 def _derivatives(
     sight: Sight, pose: tuple[Matrix, Matrix], matrices: dict[str, Matrix], lens: Lens
 ) -> tuple[Matrix, Matrix, Matrix]:
-    """Return a view's errors (4 N), and their derivatives by the cameras' numbers and the pose."""
+    """Return a view's errors (4 N) and their derivatives by the cameras' numbers and the pose."""
     cv2 = require("cv2", extra="rectify")
     turn, move = pose
     relative = cv2.Rodrigues(matrices["R"])[0]
     composed = cv2.composeRT(turn, move, relative, matrices["T"])
-    # Of the composed rotation and translation, by those of the board and of the right camera.
+    # Derivatives of the composed rotation and translation by the board's and the right camera's.
     by_pose, by_rig = (
         np.block([[composed[2 + at], composed[3 + at]], [composed[6 + at], composed[7 + at]]])
         for at in (0, 2)
@@ -382,7 +383,7 @@ def projected_by(
 ) -> tuple[Matrix, Matrix]:
     """Return a lens's projections, (N, 2), and derivatives in the order of `cv2.projectPoints`.
 
-    That is by the rotation's vector, the translation, fx, fy, cx, cy and the distortion.
+    That order is the rotation's vector, the translation, fx, fy, cx, cy and the distortion.
     """
     cv2 = require("cv2", extra="rectify")
     if lens != "fisheye":
@@ -395,7 +396,7 @@ def projected_by(
 
 
 def undistorted_by(lens: Lens, places: Matrix, k: Matrix, d: Matrix) -> Matrix:
-    """Return the rays that a lens has at pixels, (N, 3), their last number 1."""
+    """Return a lens's rays at pixels, (N, 3), with 1 as their last number."""
     cv2 = require("cv2", extra="rectify")
     model = cv2.fisheye if lens == "fisheye" else cv2
     flat = model.undistortPoints(np.reshape(places, (-1, 1, 2)), k, d).reshape(-1, 2)
@@ -407,7 +408,7 @@ def row_errors(
 ) -> NDArray[np.float64]:
     """Return the root mean square difference of rows of rectified corners for each view.
 
-    Of fisheyes, whose rectified images do not end, it is the angle between the right camera's ray
+    For fisheyes, whose rectified images do not end, it is the angle between the right camera's ray
     and the plane of the left one's ray and the baseline, times the focal length.
     """
     if lens == "fisheye":

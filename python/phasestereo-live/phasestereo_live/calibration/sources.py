@@ -23,12 +23,12 @@ BoardPaths: TypeAlias = "StrPath | Sequence[tuple[ImageOrPath, ImageOrPath]]"
 Finds: TypeAlias = Callable[[Gray], "NDArray[np.float64] | None"]
 """Returns the places (N, 2) of a board's corners in a picture."""
 
-# How files begin that hold frames themselves: a playlist could name files and addresses.
+# First bytes of files that hold frames themselves: a playlist could name files and addresses.
 _CONTAINERS = ((0, b"\x1aE\xdf\xa3"), (4, b"ftyp"), (8, b"AVI "))
 _SMALL = 640  # columns of the small frames to search in a video
 _SAMPLES = 4  # a second
 _STEADY = 0.5  # of these small pixels, from a frame to the next
-_NEW = 0.04  # of the width: least difference of a pose from those before it
+_NEW = 0.04  # of the width: least difference of a pose from earlier ones
 _MOST_FRAMES = 60  # to take from a video
 _LOOKS = 20  # frames to check for a video of one camera
 _BOTH = "accepts a video of both views side by side, or one of each camera"
@@ -37,7 +37,7 @@ _BOTH = "accepts a video of both views side by side, or one of each camera"
 class Shot(NamedTuple):
     """A pair of pictures taken at one moment: their names, and gray images (H, W).
 
-    Without images, it has the reason that they could not be read.
+    Without images, it has the reason why reading them failed.
     """
 
     names: tuple[str, str]
@@ -53,10 +53,10 @@ def shots(
     Parameters
     ----------
     left, right, layout
-        As `phasestereo_live.calibrate` takes them.
+        As in `phasestereo_live.calibrate`.
     finds
-        Finds a board in a small picture; videos supply only frames with a board, steady ones that
-        differ from those before.
+        Finds a board in a small picture; videos supply only frames with a board that are steady and
+        differ from earlier ones.
 
     Raises
     ------
@@ -155,7 +155,7 @@ def _of_video(left: Path, right: Path | None, layout: Layout, finds: Finds) -> I
 
 
 def _spans(frame: Gray, finds: Finds) -> bool:
-    """Return whether a board lies across the middle of a frame, as in the video of one camera."""
+    """Return whether a board lies across the middle of a frame, as in one camera's video."""
     small = _small(frame)
     found = finds(small)
     return found is not None and bool(found[:, 0].min() < small.shape[1] / 2 < found[:, 0].max())
@@ -181,7 +181,7 @@ def _opened_video(path: Path) -> Any:
 
 
 def _frames(videos: list[Any], layout: Layout) -> tuple[Gray, Gray] | None:
-    """Return the next frame of both views; None: a video has ended or breaks off."""
+    """Return the next frame of both views, or None if a video ended or breaks off."""
     read = [video.read() for video in videos]
     if not all(there for there, _ in read):
         return None
@@ -198,7 +198,7 @@ class _Chosen:
         self.poses: list[NDArray[np.float64]] = []
 
     def takes(self, first: tuple[Gray, Gray], second: tuple[Gray, Gray]) -> bool:
-        """Return whether to take a frame, by itself and the next one."""
+        """Return whether to take a frame, given this one and the next one."""
         places = []
         for now, then in zip(map(_small, first), map(_small, second), strict=True):
             found = self._finds(now)
@@ -227,7 +227,7 @@ def _small(image: Gray) -> Gray:
 
 
 def _motion(now: Gray, then: Gray, places: NDArray[np.float64]) -> float:
-    """Return the median motion of corners from a frame to the next, pixels."""
+    """Return the median motion of corners from one frame to the next, pixels."""
     cv2 = require("cv2", extra="rectify")
     points = places.astype(np.float32).reshape(-1, 1, 2)
     moved, found, _ = cv2.calcOpticalFlowPyrLK(now, then, points, None)
