@@ -1,4 +1,4 @@
-"""Video in and out: the sources that `stream` reads, and the outputs for its frames.
+"""Read video from the sources of `stream`, and write its frames as video.
 
 Sources are video files and streams (`decoding`), folders of images (`folders`) and cameras
 (`cameras`). Each is a sequence of captures (`capture`) that fail one by one, not all at once.

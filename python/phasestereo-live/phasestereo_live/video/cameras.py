@@ -1,4 +1,4 @@
-"""Cameras, by OpenCV: one for each view, or one that delivers both in each picture."""
+"""Open cameras with OpenCV: one for each view, or one that delivers both in each picture."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from phasestereo._extras import require
 from phasestereo_live.video.capture import Capture, CaptureSource, Image, Pair, lost
 
 PATIENCE = 5
-"""Frames in a row that may be missed before the cameras count as gone."""
-_PAUSE = 0.5  # seconds before another try of a camera that is gone
+"""Frames in a row that cameras may miss before they count as gone."""
+_PAUSE = 0.5  # seconds before another try to open a camera that is gone
 
 
 def open_camera(number: int, patience: int | None) -> CaptureSource[Image]:
@@ -46,7 +46,7 @@ def open_cameras(left: int, right: int, patience: int | None) -> CaptureSource[P
     left, right
         Their numbers.
     patience
-        As `open_camera` takes it.
+        As in `open_camera`.
 
     Raises
     ------
@@ -82,7 +82,7 @@ def _release(devices: Sequence[Any]) -> None:
 
 
 def _source(devices: Sequence[Any], captures: Iterator[Capture[Any]]) -> CaptureSource[Any]:
-    """Return a source that is never ahead: a frame that waits for a match to end is old."""
+    """Return a source that never reads ahead: a frame that waits for a match to end is old."""
     rate = devices[0].get(require("cv2", extra="live").CAP_PROP_FPS)
     return CaptureSource(
         captures=captures,
@@ -97,7 +97,7 @@ def _captures(
     arrange: Callable[[list[Image]], Any],
     patience: int | None,
 ) -> Iterator[Capture[Any]]:
-    """Grab from all cameras, which is quick, before decoding, which is slow."""
+    """Grab from all cameras, which is quick, before decoding any frame, which is slow."""
     start = monotonic()
     index = missed = 0
     while patience is None or missed < patience:

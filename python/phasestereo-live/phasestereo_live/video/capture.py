@@ -1,4 +1,4 @@
-"""The captures of a source in the order of time; any of them may turn out to be damaged."""
+"""The captures of a source in order of time; any of them may turn out to be damaged."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class CaptureSource(Generic[T]):
     length
         Number of captures, if known beforehand.
     rate
-        Captures a second, if known.
+        Captures per second, if known.
     ahead
         Whether another thread may take captures before they are needed.
     """
@@ -97,7 +97,7 @@ def join(left: CaptureSource[Image], right: CaptureSource[Image]) -> CaptureSour
 
 
 def lost(index: int, time: float | None, error: Exception) -> Capture[Any]:
-    """Return a capture that is already lost."""
+    """Return a capture for a frame that is already lost."""
 
     def fail() -> Any:
         raise error

@@ -15,15 +15,15 @@ from phasestereo.io.files import StrPath, open_regular
 from phasestereo.io.limits import max_pixels
 from phasestereo_live.video.capture import Capture, CaptureSource, Image, lost
 
-_PATIENCE = 10.0  # seconds to wait for a network stream before giving it up
+_PATIENCE = 10.0  # seconds to wait for a network stream before giving up
 _UNTIMED = "no picture came of it"
 
 
 def open_video(path: StrPath) -> CaptureSource[Image]:
     """Open a video file, or a stream at an address such as ``rtsp://...``.
 
-    Frames are uint8, or uint16 where the video has more than 8 bits, (H, W) where it is gray, else
-    RGB (H, W, 3); turned upright where the file has an orientation. Frames with more pixels than
+    Frames are uint8, or uint16 if the video has more than 8 bits, (H, W) if it is gray, else RGB
+    (H, W, 3). They are turned upright if the file has an orientation. Frames with more pixels than
     `phasestereo.io.max_pixels` are lost, like damaged ones.
 
     Raises
@@ -57,7 +57,7 @@ def open_video(path: StrPath) -> CaptureSource[Image]:
 
     stream = container.streams.video[0]
 
-    # By default decoders conceal damage; invented pixels must not be measured.
+    # By default decoders conceal damage, but we must not measure invented pixels.
     stream.codec_context.options = bounded | {"err_detect": "crccheck+explode"}
 
     rate = stream.average_rate or stream.guessed_rate
@@ -91,7 +91,7 @@ class _Decoder:
         self._reasons: dict[int, str] = {}  # for each time, the reason for the lost frame
         self._index = 0
 
-        # AVI has only a decoding order: where the display order differs, the times are made up.
+        # AVI has only a decoding order: if the display order differs, the times are made up.
         reordered = getattr(stream.codec_context, "has_b_frames", False)
         self._timed = not (container.format.name == "avi" and reordered)
 

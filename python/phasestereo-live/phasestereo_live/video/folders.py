@@ -27,7 +27,7 @@ def open_folder(folder: Path) -> CaptureSource[Image]:
 
 
 def open_folders(left: Path, right: Path) -> CaptureSource[Pair]:
-    """Pair the images of two folders: by name where names agree, else in order.
+    """Pair the images of two folders: by name if names agree, else in order.
 
     Raises
     ------
@@ -45,7 +45,7 @@ def open_rig(folder: Path) -> CaptureSource[Pair]:
     Raises
     ------
     OSError, ValueError
-        As `paths_of_rig`.
+        As in `paths_of_rig`.
     """
     return _paired(paths_of_rig(folder))
 

@@ -1,4 +1,4 @@
-"""Frames as pictures to look at, in the same colors throughout a video."""
+"""Turn frames into pictures to look at, in the same colors throughout a video."""
 
 from __future__ import annotations
 

@@ -21,8 +21,8 @@ class Rectifier:
     Parameters
     ----------
     calibration
-        A calibration as `rectify` takes it, or `Cameras`; "auto": the first pair with enough detail
-        in its images.
+        A calibration for `rectify`, or `Cameras`; "auto": the first pair with enough detail in its
+        images.
     masks
         Masks of the raw images, left and right.
 
@@ -42,12 +42,12 @@ class Rectifier:
         self._found: Rectification | None = None
 
     def pair(self, left: ImageOrPath, right: ImageOrPath) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Return a pair rectified.
+        """Return the rectified pair.
 
         Raises
         ------
         TypeError, ValueError
-            As `rectify`.
+            As in `rectify`.
         """
         if self._found is not None:
             return self._found.apply(left, right)
@@ -60,7 +60,7 @@ class Rectifier:
 
     @property
     def found(self) -> Rectification | None:
-        """The rectification, once a pair was good enough for one."""
+        """The rectification, once a pair is good enough for one."""
         return self._found
 
     @property
@@ -75,7 +75,7 @@ class Rectifier:
 
     @property
     def masks(self) -> dict[str, Any]:
-        """The valid pixels of the rectified pairs, as `phasestereo.match` takes them."""
+        """The valid pixels of the rectified pairs, for `phasestereo.match`."""
         if self._found is None:
             return {}
         return {"left_mask": self._found.left_mask, "right_mask": self._found.right_mask}

@@ -34,7 +34,7 @@ def open_source(
     Raises
     ------
     TypeError
-        If it is of no accepted type, or the two views are of different kinds.
+        If it has no accepted type, or the two views are of different kinds.
     ValueError
         If a layout is unknown or has no effect, the source has no video or no image, or one view is
         a folder and the other a file.

@@ -1,4 +1,4 @@
-"""Many pairs in, a disparity map for each: videos, folders of images, cameras.
+"""Match the pairs of videos, folders of images or cameras, one after another.
 
 The stream reports and skips a pair that it cannot read or match; the others keep their numbers.
 `phasestereo_live.video` supplies the pairs.
@@ -44,7 +44,7 @@ T = TypeVar("T")
 
 _LOG = logging.getLogger("phasestereo")
 _FAULTS = (OSError, ValueError, TypeError)
-"""What may be wrong with one frame and not with the next."""
+"""Errors that one frame may have and the next may not."""
 _END: Any = object()  # follows the last frame
 
 
@@ -57,15 +57,15 @@ class Frame:
     index
         Its number in the source, from 0. Failed frames also have a number.
     time
-        Capture time in seconds from the beginning of the video, or from the opening of the
-        cameras. None where the source does not give it.
+        Capture time in seconds from the beginning of the video, or from the opening of the cameras.
+        None if the source does not give it.
     left, right
         The images, gray (H, W) or RGB (H, W, 3).
     result
         The result of `phasestereo.match` for them.
     apart
         Seconds between both views: for two cameras, the time from the first one's delivery to the
-        second one's. None where the source does not give it.
+        second one's. None if the source does not give it.
     """
 
     index: int
@@ -83,7 +83,7 @@ class Failure:
     Parameters
     ----------
     index, time
-        As those of a `Frame`.
+        As in a `Frame`.
     error
         The error: an OSError, ValueError or TypeError.
     """
@@ -140,9 +140,9 @@ def stream(
           and EuRoC) or in names with ``left`` and ``right``; with ``layout``, images that hold both
           views.
         - The number of a camera that delivers both views in each picture.
-        - An iterable of pairs of images, or of their paths, as `match` takes them, or with
-          ``layout`` of images that hold both views. Its exceptions end the stream.
-        - A recording of a robot, as `phasestereo_live.ros.open_recording` opens it.
+        - An iterable of pairs of images, or of their paths, as in `match`, or with ``layout``, of
+        images that hold both views. Its exceptions end the stream. - A recording of a robot, from
+        `phasestereo_live.ros.open_recording`.
 
         With ``right``, the left view.
     right
@@ -152,35 +152,34 @@ def stream(
         The layout of a picture with both views: ``"side-by-side"``, left and right halves, or
         ``"top-bottom"``, the left view above. None: side by side.
     rectify
-        Rectify the frames first: by a calibration or a saved file, as `phasestereo.rectify` takes
-        them, by a `Rectification`, or by ``"auto"``, from the first frame with enough detail. Input
+        Rectify the frames first: with a calibration or a saved file, as in `phasestereo.rectify`,
+        with a `Rectification`, or with ``"auto"``, from the first frame with enough detail. Input
         frames and masks are then raw, and output frames are rectified. None: they are rectified
         already.
     start, stop, every
         Frames to match, by number: from ``start`` up to but without ``stop``, each ``every``-th.
     reestimate
-        The stream estimates blur again when a quick look shows a change, and at the latest this
+        The stream estimates blur again when a quick check shows a change, and at the latest this
         number of frames after the last estimate; 1: it matches each frame by itself. See the notes.
     temporal_filter
-        Whether to steady disparities where neither image has changed, as
-        `phasestereo.TemporalFilter` does; ``frame.result.temporal_support`` shows where. False:
-        each frame on its own.
+        Whether to steady disparities where neither image changed, as `phasestereo.TemporalFilter`
+        does; ``frame.result.temporal_support`` shows where. False: each frame on its own.
     patience
         Frames in a row that cameras may miss before they count as gone; None: wait for them.
     on_error
         Called with a `Failure` for every frame that fails; its exceptions end the stream. None:
         a failure becomes a warning of the logger ``phasestereo``.
     num_disparities, min_disparity, preset, settings, threads, left_mask, right_mask, **overrides
-        As `match` takes them; masks hold for every frame.
+        As in `match`; masks hold for every frame.
     known
         Known facts of every frame.
     vertical
-        Whether the right camera is below the left one, as `match` takes it. None: it is if the
-        first frames show it clearly, or the calibration says so.
+        Whether the right camera is below the left one, as in `match`. None: it is if the first
+        frames show it clearly, or the calibration says so.
     second, timeout
-        A callable that makes a second map of every frame, and its time limit in seconds, as `match`
-        takes them; not a map. If it fails, the frame keeps our own map, with a finding. While a
-        call that took too long still runs, the stream makes no other. The rig and the temporal
+        A callable that makes a second map of every frame, and its time limit in seconds, as in
+        `match`; not a map. If it fails, the frame keeps our own map, with a finding. While a call
+        that took too long still runs, the stream does not start another. The rig and the temporal
         filter see only our own maps.
 
     Returns
@@ -205,8 +204,8 @@ def stream(
     those after a damaged one may be wrong up to the next key frame; intra-coded video (MJPEG, H.264
     with key frames only) does not spread damage.
 
-    ``preset="robust"`` estimates blur; ``"fast"`` does not. If a quick look shows no change, a
-    frame reuses the blur estimate of an earlier one: ``frame.result.blur.reused``. The look
+    ``preset="robust"`` estimates blur; ``"fast"`` does not. If a quick check shows no change, a
+    frame reuses the blur estimate of an earlier one: ``frame.result.blur.reused``. The check
     compares the powers of both images, by direction, in each ninth of the image with those at the
     estimate. It misses blur that appears in less than a sixteenth of the image, sizes that change
     by less than about a fifth, and changes of noise or contrast that both images share: the stream
@@ -330,7 +329,7 @@ class Stream(Iterator[Frame], Closing):
 
     @property
     def rate(self) -> float | None:
-        """Frames a second of the source, if known."""
+        """Frames per second of the source, if known."""
         return self._source.rate
 
     @property
@@ -402,7 +401,7 @@ class _Work:
         self._coming: _Given | None = None
 
     def change(self, settings: Settings, num_disparities: int | None) -> None:
-        """Match the next frame in another way."""
+        """Match from the next frame on with other settings."""
         given = replace(self._given, settings=settings, num_disparities=num_disparities)
         _try(given, width=self._width)
         self._coming = given

@@ -17,13 +17,13 @@ from phasestereo_live._closing import Closing
 
 SUFFIXES = (".mp4", ".m4v", ".mov", ".mkv")
 
-_CLOCK = 60_000  # ticks a second: nearly the most that MPEG-4 Part 2 allows
-_TICK = _CLOCK // 1000  # smallest step that all of the formats can hold
+_CLOCK = 60_000  # ticks per second: nearly the most that MPEG-4 Part 2 allows
+_TICK = _CLOCK // 1000  # smallest step that all formats can hold
 _CODECS = {  # the first available; constant quality, near lossless for the first kind
     "libx264": {"crf": "17", "preset": "veryfast", "tune": "zerolatency"},
     "mpeg4": {"b": "50M", "qmin": "2", "qmax": "4"},
 }
-# Complete pictures go to the disk at once. MP4 is written in playable fragments, and becomes an
+# Complete pictures go to the disk at once. An MP4 grows in playable fragments, and becomes an
 # ordinary file at the end.
 _OPTIONS = {"flush_packets": "1"}
 _FRAGMENTS = {"movflags": "hybrid_fragmented+frag_keyframe"}
@@ -41,9 +41,9 @@ class VideoWriter(Closing):
     Parameters
     ----------
     path
-        The file: .mp4, .m4v, .mov or .mkv. H.264, or MPEG-4 Part 2 where PyAV has no encoder.
+        The file: .mp4, .m4v, .mov or .mkv. H.264, or MPEG-4 Part 2 if PyAV has no encoder for it.
     rate
-        Pictures a second, for pictures without a time.
+        Pictures per second, for pictures without a time.
 
     Raises
     ------
@@ -76,7 +76,7 @@ class VideoWriter(Closing):
         Parameters
         ----------
         picture
-            uint8 (H, W, 3), RGB; all of one size. Odd sides get one black row or column more.
+            uint8 (H, W, 3), RGB; all of one size. Odd sides get one extra black row or column.
         time
             Display time in seconds; the first picture appears at 0. None: one after another at the
             rate.
@@ -84,7 +84,7 @@ class VideoWriter(Closing):
         Raises
         ------
         TypeError, ValueError
-            If it is not such a picture, or has another size than the first; if the time is not
+            If it is not such a picture, or differs in size from the first; if the time is not
             finite, or the writer is closed.
         OSError
             If the file cannot be written.
