@@ -1,4 +1,4 @@
-"""Recordings of robots, read and written without ROS: mcap, rosbag2's SQLite, ROS 1's bag.
+"""Read and write recordings of robots without ROS: mcap, rosbag2's SQLite, ROS 1's bag.
 
     from phasestereo_live import ros
 
@@ -7,8 +7,8 @@
         for frame in frames:
             header = recording.headers[frame.index]
 
-The modules cover the files (`bags`, through the library rosbags, within the bounds of `reading`),
-the pairing of two topics (`pairing`), the images in messages (`images`), the contents of
+The modules cover the files (`bags`, with the library rosbags, within the bounds of `reading`), the
+pairing of two topics (`pairing`), the images in messages (`images`), the contents of
 ``camera_info`` (`infos`) and the output messages (`messages`), which the ROS 2 node also makes. The
 package needs the extra ``ros``.
 """

@@ -1,4 +1,4 @@
-"""Files of messages, through the library rosbags: opened to read, and written as a whole."""
+"""Read and write files of messages with the library rosbags."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Item(NamedTuple):
 
 
 def is_recording(path: StrPath) -> bool:
-    """Return whether a path is a recording: by its suffix, or by the contents of the folder."""
+    """Return whether a path is a recording, by its suffix or by the contents of the folder."""
     place = Path(path)
     return suffix(place) in SUFFIXES or (place / "metadata.yaml").is_file()
 
@@ -44,7 +44,7 @@ class Bag:
     OSError
         If it does not exist or cannot be read.
     ValueError
-        If it is not a recording, or is cut short.
+        If it is not a recording or is cut short.
     ImportError
         If rosbags is not installed.
     """
@@ -66,7 +66,7 @@ class Bag:
 
     @property
     def topics(self) -> dict[str, tuple[str, int]]:
-        """The type and the number of messages of each topic."""
+        """The type and the number of messages in each topic."""
         return {one.topic: (one.msgtype, one.msgcount) for one in self._reader.connections}
 
     def items(self, topics: Sequence[str]) -> Iterator[Item]:
@@ -98,7 +98,7 @@ class Bag:
         return read
 
     def close(self) -> None:
-        """Close the files; a second time does nothing."""
+        """Close the files; a second call does nothing."""
         reader, self._reader = self._reader, None
         if reader is not None:
             reader.close()
@@ -119,7 +119,7 @@ class RecordingWriter(Closing):
     Raises
     ------
     OSError
-        If its folder does not exist or cannot be written to, or the path is not a file.
+        If its folder does not exist or is not writable, or the path is not a file.
     ValueError
         If the suffix is unknown.
     ImportError
@@ -142,14 +142,14 @@ class RecordingWriter(Closing):
         self._types = stores.get_typestore(name)
 
         self._home = growing(self._target)
-        self._home.mkdir()  # only trying shows all that can go wrong
+        self._home.mkdir()  # only a trial shows every possible error
         self._home.rmdir()
 
         self._writer: Any = None
         self._connections: dict[str, Any] = {}
 
     def make(self, kind: str, **fields: Any) -> Any:
-        """Make a message of a type such as ``"sensor_msgs/msg/Image"``; names are those of ROS 2.
+        """Make a message of a type such as ``"sensor_msgs/msg/Image"``, with the names of ROS 2.
 
         Parameters
         ----------
@@ -204,7 +204,8 @@ class RecordingWriter(Closing):
 
         try:
             writer.close()
-            # A rosbag2 in SQLite is the whole folder that rosbags makes, the others one file of it.
+            # A rosbag2 in SQLite is the whole folder that rosbags makes; the others are one file in
+            # it.
             is_folder = self._kind == ".db3"
             made = self._home / self._target.stem
             inner = made if is_folder else next(self._home.rglob(f"*{self._kind}"))

@@ -1,4 +1,4 @@
-"""Images in messages, ``sensor_msgs/Image`` and ``CompressedImage``, and as arrays.
+"""Convert between arrays and images in ``sensor_msgs/Image`` and ``CompressedImage``.
 
 The library rosbags-image knows the encodings. This module checks sizes before it sees a message,
 and removes the padding of rows, which it does not expect. It decodes pictures like image files:
@@ -93,7 +93,7 @@ def _decompressed(message: Any) -> Pixels:
     with named("image"):
         samples = as_image(decode_raster(io.BytesIO(data)))
 
-    # A picture of a Bayer pattern is gray; the names of both depths are known.
+    # A picture of a Bayer pattern is gray; the table has names for both depths.
     is_raw = samples.ndim == 2 and encoding in _ENCODINGS and encoding.startswith("bayer_")
     if is_raw and _ENCODINGS[encoding][0] == samples.itemsize:
         return _developed(samples, encoding, samples.shape)

@@ -13,12 +13,12 @@ from phasestereo.io.rigs.singles import cameras_of_pair
 from phasestereo.views.registering import ThirdCamera
 
 _RECTIFIED = re.compile(r"(?<![a-z])rect(ified)?(?![a-z])")
-_SAME = 1e-6  # relative: for matrices that have been through text
+_SAME = 1e-6  # relative: for matrices that were once written as text
 _ROWS_OFF = 0.5  # px: if rows differ by more, images are not rectified
 
 
 class RigGeometry(NamedTuple):
-    """The cameras that rectify frames (None: they are rectified), Q of rectified ones, notes."""
+    """The cameras that rectify frames (None: already rectified), Q of rectified frames, notes."""
 
     cameras: Cameras | None
     q: Matrix | None
@@ -28,7 +28,7 @@ class RigGeometry(NamedTuple):
 
 
 def info_topics(topic: str) -> tuple[str, ...]:
-    """Return the topics of a ``camera_info`` beside an image topic: ROS's and RealSense's."""
+    """Return the possible topics of ``camera_info`` beside an image topic: ROS's, RealSense's."""
     parent = topic.removesuffix("/compressed").rpartition("/")[0]
     return f"{parent}/camera_info", f"{parent.rpartition('/')[0]}/info/camera_info"
 
@@ -40,7 +40,7 @@ def geometry_of(
     size: tuple[int, int] | None = None,
     baseline: tuple[float, float] | None = None,
 ) -> RigGeometry:
-    """Return the calibration of images of these topics from both messages.
+    """Return the calibration of the images on these topics, from both messages.
 
     Images count as rectified if the names of both topics say so (``image_rect``), or if rectifying
     would change nothing. Binning and regions of interest change the matrices as in ROS's
@@ -55,15 +55,15 @@ def geometry_of(
     size
         Columns and rows of the images; None: those in the messages.
     baseline
-        Distances of the right camera to the right of the left one and below it, m, as from
+        Distances of the right camera to the right of the left one and below it, m, from
         `baseline_of`; used if the messages do not give them.
 
     Raises
     ------
     ValueError
         If the cameras are not calibrated, differ in model, are not a pair, are calibrated for
-        images of other proportions, or rectified images show other rows, or other columns of
-        cameras one above the other.
+        images of other proportions, or rectified images show different rows (different columns for
+        cameras one above the other).
     """
     documents = [_document(message) for message in (left, right)]
     cameras = cameras_of_pair(*documents)
@@ -127,7 +127,7 @@ def third_camera(message: Any, left: Any, pose: Matrix) -> ThirdCamera:
 
 
 def _document(message: Any) -> dict[str, Any]:
-    """Return a message in the form for the calibration reader; ROS 1 has capital letters."""
+    """Return a message in the calibration reader's form; ROS 1 has names in capital letters."""
     names = "width", "height", "distortion_model", "binning_x", "binning_y"
     fields: dict[str, Any] = {name: getattr(message, name, None) for name in names}
     for name in "KDRP":

@@ -29,20 +29,20 @@ DEPTHS: tuple[Depths, ...] = ("32FC1", "16UC1")
 """Encodings of depths (REP 118): m, not finite elsewhere; mm, 0 elsewhere."""
 
 MAP_IMAGES = "confidence", "uncertainty"
-"""Maps of a result that are sent as images of 32FC1 beside the disparities."""
+"""Maps of a result to send as images of 32FC1 beside the disparities."""
 
 REGISTERED = "near", "far", "confidence"
-"""Maps of a third camera that are sent as images of 32FC1 beside its depths."""
+"""Maps of a third camera to send as images of 32FC1 beside its depths."""
 
 _FLOAT32 = 7  # sensor_msgs/PointField
 _POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("rgb", "<u4")])
 _MOST_MM = np.iinfo(np.uint16).max
 _LEVELS = {"ok": 0, "note": 0, "warning": 1}  # diagnostic_msgs/DiagnosticStatus
 _NUMBERS = {"range": "search", "swap": "search", "texture": "low_texture"}
-"""Names of the numbers of a diagnosis, where they are not those of the topic."""
+"""Names of the numbers of a diagnosis, if they differ from the topic's name."""
 
 _PLUMB_BOB = 5  # numbers of its distortion at most
-_WHOLE, _PARTS = 1.0, 1 / 16  # pixels: the step between disparities; of parts, as is usual
+_WHOLE, _PARTS = 1.0, 1 / 16  # pixels: the step of disparities; the usual step of subpixel ones
 
 
 def header_of(make: Make, header: Header) -> Any:
@@ -53,7 +53,7 @@ def header_of(make: Make, header: Header) -> Any:
 
 
 def image_of(make: Make, header: Header, array: NDArray[Any]) -> Any:
-    """Return a ``sensor_msgs/Image`` of an array as `encode_image` takes it."""
+    """Return a ``sensor_msgs/Image`` of an array of the kinds in `encode_image`."""
     return make("sensor_msgs/msg/Image", header=header_of(make, header), **encode_image(array))
 
 
@@ -62,7 +62,7 @@ def disparity_image(
 ) -> Any:
     """Return a ``stereo_msgs/DisparityImage``.
 
-    Its disparities fulfill ``Z = f T / d``, as in ROS: where the principal points of the cameras
+    Its disparities satisfy ``Z = f T / d``, as in ROS: if the principal points of the cameras
     differ, they and the ends of the range include ``doffs``. Pixels without an estimate are
     ``min_disparity - 1``. Without a calibration f and T are 0.
 
@@ -121,7 +121,7 @@ def camera_info(make: Make, header: Header, camera: Calibration | ThirdCamera) -
     make, header
         As `disparity_image` takes them.
     camera
-        The geometry of rectified images of this size, of which the left camera counts, without
+        The geometry of rectified images of this size, which gives the left camera, without
         distortion; or a third camera.
     """
     if isinstance(camera, Calibration):
@@ -161,7 +161,7 @@ def camera_info(make: Make, header: Header, camera: Calibration | ThirdCamera) -
 def ranged_depth(
     result: Result, calibration: Calibration, selection: Selection | None = None
 ) -> Map:
-    """Return depths by REP 117 and REP 118, float32 (H, W).
+    """Return depths as REP 117 and REP 118 define them, float32 (H, W).
 
     +Inf is too far: possibly infinite, beyond ``max_depth``, or at the smallest searched disparity.
     -Inf is too near: nearer than ``min_depth``, or at the largest searched disparity. NaN is
@@ -211,9 +211,9 @@ def in_space(
     encoding: str = DEPTHS[0],
     selection: Selection | None = None,
 ) -> dict[str, Any]:
-    """Return depths and points by the names of their topics.
+    """Return depths and points under the names of their topics.
 
-    With ``selection.decimate``, one pixel for each block, they are below ``decimated``, with the
+    With ``selection.decimate``, one pixel for each block, they are under ``decimated``, with the
     ``camera_info`` of images of that size.
 
     Parameters
@@ -263,16 +263,16 @@ def registered(
     encoding: str = DEPTHS[0],
     selection: Selection | None = None,
 ) -> dict[str, Any]:
-    """Return the view of a third camera by the names of its topics, below ``registered``.
+    """Return the view of a third camera under the names of its topics, in ``registered``.
 
     Parameters
     ----------
     make
-        As `disparity_image` takes it.
+        As in `disparity_image`.
     header
         The stamp of the left image, and the frame of the third camera.
     result, calibration, encoding, selection
-        As `in_space` takes them; ``decimate`` has no effect.
+        As in `in_space`; ``decimate`` has no effect.
     camera
         The third camera.
     """
@@ -301,7 +301,7 @@ def depth_image(make: Make, header: Header, depth: Map, encoding: str) -> Any:
     make, header
         As `disparity_image` takes them.
     depth
-        float32 (H, W), m, as `ranged_depth` has them.
+        float32 (H, W), m, from `ranged_depth`.
     encoding
         One of `DEPTHS`. In mm, pixels without a depth, or of 65.535 m and more, are 0.
     """
@@ -316,20 +316,20 @@ def depth_image(make: Make, header: Header, depth: Map, encoding: str) -> Any:
 def point_cloud2(
     make: Make, header: Header, depth: Map, calibration: Calibration, left: NDArray[Any]
 ) -> Any:
-    """Return a ``sensor_msgs/PointCloud2`` with one point a pixel.
+    """Return a ``sensor_msgs/PointCloud2`` with one point per pixel.
 
-    By REP 117, a point is NaN where it is unknown, and infinite where the scene is beyond the
-    range: along its ray if too far away, against it if too near.
+    By REP 117, a point is NaN if it is unknown, and infinite if the scene is beyond the range:
+    along its ray if too far away, against it if too near.
 
     Its fields are those of ``stereo_image_proc``: x, y, z in m (X to the right, Y down, Z forward,
-    as of an optical frame) and rgb.
+    as in an optical frame) and rgb.
 
     Parameters
     ----------
     make, header
         As `disparity_image` takes them.
     depth
-        float32 (H, W), m, as `ranged_depth` has them.
+        float32 (H, W), m, from `ranged_depth`.
     calibration
         The geometry of the pair.
     left
@@ -371,7 +371,7 @@ def point_cloud2(
 
 
 def diagnostics(make: Make, header: Header, diagnosis: Diagnosis) -> Any:
-    """Return a ``diagnostic_msgs/DiagnosticArray``: one status a topic of `phasestereo.check`.
+    """Return a ``diagnostic_msgs/DiagnosticArray``: one status per topic of `phasestereo.check`.
 
     Parameters
     ----------
@@ -412,7 +412,7 @@ def _status(make: Make, diagnosis: Diagnosis, topic: str, numbers: Any) -> Any:
 
 
 def _flat(value: Any, name: str = "") -> list[tuple[str, float]]:
-    """Return the numbers of nested mappings by names such as left.bright; leave out lists."""
+    """Return the numbers of nested mappings under names such as left.bright; leave out lists."""
     if isinstance(value, dict):
         parts = [_flat(inner, f"{name}.{key}".strip(".")) for key, inner in value.items()]
         return [pair for part in parts for pair in part]

@@ -36,7 +36,7 @@ _SECOND = 10**9  # ns
 class FrameWriter:
     """Writes the messages of frames to a recording.
 
-    Topics are those of ``stereo_image_proc``, in the namespace that both image topics share:
+    It uses the topics of ``stereo_image_proc``, in the namespace that both image topics share:
     ``disparity``, ``depth``, ``points2``, with the ``camera_info`` of all; and ``/diagnostics``. No
     ROS message has a place for confidences or error bars, so they are images (32FC1) on the topics
     ``confidence`` and ``uncertainty``, with the header of the disparities.
@@ -48,16 +48,16 @@ class FrameWriter:
     topics
         The topics of the left and the right images.
     kinds
-        Messages to write, from `KINDS`. A result without confidences yields no messages of them or
-        of error bars.
+        Messages to write, from `KINDS`. A result without confidences yields no messages with
+        confidences or error bars.
     depth_encoding
         "32FC1", m, or "16UC1", mm.
     selection
-        Which pixels have depths and points, in m; with ``decimate`` these are below ``decimated``,
-        with a ``camera_info`` of their size. None: the trusted ones.
+        The pixels that get depths and points, in m; with ``decimate`` these are under
+        ``decimated``, with a ``camera_info`` of their size. None: the trusted ones.
     third
         A third camera and the frame of its images: the kind ``"depth"`` adds its ``depth``,
-        ``near`` and ``far`` (the ends of the error bars), ``confidence`` and ``camera_info`` below
+        ``near`` and ``far`` (the ends of the error bars), ``confidence`` and ``camera_info`` under
         ``registered``, NaN without a depth. None: no such camera.
 
     Raises
@@ -141,7 +141,7 @@ class FrameWriter:
         return found
 
     def _is_due(self, stamp: int) -> bool:
-        """Return whether a second has passed, or time has gone back."""
+        """Return whether a second has passed, or time went back."""
         last = self._diagnosed
         due = last is None or not 0 <= stamp - last < _SECOND
         self._diagnosed = stamp if due else last

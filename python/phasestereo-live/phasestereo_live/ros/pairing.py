@@ -8,10 +8,10 @@ from typing import Any, NamedTuple, TypeAlias
 
 SIDES = "left", "right"
 _MOST_WAITING = 64
-"""Frames of a camera that are kept until the other one delivers: it may have stopped."""
+"""Frames of a camera to keep until the other one delivers: it may have stopped."""
 
 Message: TypeAlias = Any
-"""A message, or the error that kept it from being read."""
+"""A message, or the error from reading it."""
 
 
 class Header(NamedTuple):
@@ -26,7 +26,7 @@ class UnpairedError(ValueError):
 
 
 class Arrival(NamedTuple):
-    """A message of one of both topics: its side (0 left, 1 right), its header, itself."""
+    """A message from one of the two topics: its side (0 left, 1 right), its header, itself."""
 
     side: int
     header: Header
@@ -41,15 +41,15 @@ def paired(
     Parameters
     ----------
     arrivals
-        Messages in the order of recording; each side in the order of time.
+        Messages in order of recording; each side in order of time.
     tolerance
         Largest difference between the stamps of a pair, ns.
 
     Yields
     ------
     tuple
-        The header of the left message (of a message without a partner, its own), and both messages,
-        or the error.
+        The header of the left message (or of the message itself, if it has no partner), and both
+        messages, or the error.
     """
     waiting: tuple[deque[Arrival], deque[Arrival]] = (deque(), deque())
     for arrival in arrivals:
@@ -71,7 +71,7 @@ def paired(
 def _ready(
     waiting: tuple[deque[Arrival], deque[Arrival]], tolerance: int
 ) -> Iterator[tuple[Header, tuple[Message, Message] | Exception]]:
-    """Yield the decided messages: the oldest of both sides pair up, or the older one is alone."""
+    """Yield the decided messages: the oldest of both sides pair up, or the older stays alone."""
     while waiting[0] and waiting[1]:
         left, right = waiting[0][0], waiting[1][0]
         apart = left.header.stamp - right.header.stamp

@@ -1,8 +1,8 @@
-"""Readers of recordings by the library rosbags, within bounds.
+"""Read recordings with the library rosbags, within bounds.
 
-The library trusts the lengths in a file, so it gets files that answer within bounds: they check the
-beginning first, and read no piece longer than the file or than the limit of a record. The same
-holds for packed data:
+The library trusts the lengths in a file, so this module gives it files with bounds: they check the
+beginning first, and read no piece longer than the file or than the limit of a record. Packed data
+has bounds, too:
 
 - A chunk unpacks to the size in its record, a message of a packed recording to the size in its
   frame: at most `RECORD`, checked before unpacking.
@@ -30,11 +30,11 @@ SUFFIXES = tuple(_HEADS)
 
 _METADATA = 2**19  # bytes of a metadata.yaml at most; it has a few hundred for each topic
 _TOGETHER = 4 * RECORD
-_TIMES = 100  # recordings become a few times shorter; of zeros zstd makes a 30 000th
+_TIMES = 100  # recordings become a few times shorter; zstd shrinks zeros to a 30 000th
 
 
 def reader_of(path: Path) -> Any:
-    """Return the reader of a recording, to be opened: a ``Reader`` of rosbags.
+    """Return the reader of a recording, not yet open: a ``Reader`` of rosbags.
 
     Raises
     ------
@@ -95,7 +95,7 @@ def _ros1() -> Any:
         "lz4": require("lz4.frame", extra="ros").LZ4FrameDecompressor,
     }
 
-    # The library of these classes is imported only when needed: its types are unknown.
+    # This imports the library of these classes only when needed: its types are unknown.
     class Ros1(module.Reader):  # type: ignore[misc, name-defined]
         def read_chunk(self) -> Any:
             """Return a chunk's position, and its unpacker to the size that its head claims."""
@@ -147,7 +147,7 @@ def _ros2() -> Any:
                 raise ValueError(f"chunks of one time unpack to more than {_TOGETHER} bytes")
 
     class Folder(module.DirectoryReader):  # type: ignore[misc, name-defined]
-        # Of packed files by paths to what the library has unpacked.
+        # Paths of packed files lead to the files that the library unpacked.
         STORAGE_PLUGINS: ClassVar = {
             "mcap": lambda path: Mcap(_Place(path)),
             "sqlite3": module.Sqlite3Reader,
@@ -156,7 +156,7 @@ def _ros2() -> Any:
     class Ros2(module.Reader):  # type: ignore[misc, name-defined]
         STORAGE_PLUGINS: ClassVar = {"dir": Folder, ".mcap": Mcap, ".db3": module.Sqlite3Reader}
 
-    # What unpacks has names in modules of the library, and no others: for all of the process.
+    # The library finds unpackers only by names in its modules: replace them for the whole process.
     module.zstd = SimpleNamespace(decompress=of_message, open=OfFile)
     mcap.DECOMPRESSORS |= {
         "lz4": lambda packed, size: _unpack(lz4.LZ4FrameDecompressor(), packed, size),

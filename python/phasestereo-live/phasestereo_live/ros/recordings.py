@@ -1,4 +1,4 @@
-"""A recording as a source of pairs: two topics, paired by time, and the cameras."""
+"""Open a recording as a source of pairs: two topics, paired by time, and the cameras."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from phasestereo_live.ros.transforms import baseline_of, pose_between
 from phasestereo_live.video.capture import Capture, CaptureSource, Pair, lost
 
 TOLERANCE = 0.01
-"""Seconds by which the stamps of a pair may differ: less than half of the time between frames."""
+"""Largest difference between the stamps of a pair, s: less than half the time between frames."""
 
 _IMAGES = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 _INFO = "sensor_msgs/msg/CameraInfo"
@@ -35,20 +35,20 @@ _NAMES = (
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Recording(CaptureSource[Pair]):
-    """The pairs of a recording, as `phasestereo_live.stream` takes them.
+    """The pairs of a recording, for `phasestereo_live.stream`.
 
     Parameters
     ----------
     captures, close, length, rate, ahead
-        As those of a `CaptureSource`.
+        As in a `CaptureSource`.
     topics
         The topics of the left and the right images.
     headers
-        The header of each pair's left message, by the pair's number. Callers take out those they
-        need.
+        The header of each pair's left message, by the pair's number. Callers remove the ones they
+        use.
     cameras
-        The cameras to rectify the pairs by, for ``stream(..., rectify=)``; None: they are rectified
-        already, or the cameras are unknown.
+        The cameras that rectify the pairs, for ``stream(..., rectify=)``; None: the pairs are
+        rectified already, or the cameras are unknown.
     q
         OpenCV's matrix Q of the rectified pairs, in m; None: unknown.
     note
@@ -78,7 +78,7 @@ def open_recording(
     register: str = "",
     tolerance: float = TOLERANCE,
 ) -> Recording:
-    """Open a recording of a robot; ROS is not needed.
+    """Open a recording of a robot, without ROS.
 
     Parameters
     ----------
@@ -86,12 +86,12 @@ def open_recording(
         An ``.mcap`` or ``.db3`` file, a folder of rosbag2, or a ``.bag`` of ROS 1.
     left, right
         Topics of the images: ``sensor_msgs/Image`` or ``CompressedImage``. Without both, the only
-        two that their names distinguish: left and right, infra1 and infra2, Infrared_1 and
+        two topics with a pair of names: left and right, infra1 and infra2, Infrared_1 and
         Infrared_2, cam0 and cam1, cam_l and cam_r, top and bottom.
     camera_info
         Topics of both cameras' ``sensor_msgs/CameraInfo``; None: ``camera_info`` beside the images,
-        if it is there. Images on ``image_rect`` count as rectified; others are raw. A baseline that
-        it omits is taken from ``/tf_static``, or the transforms of RealSense's recordings.
+        if it is there. Images on ``image_rect`` count as rectified; others are raw. If it omits the
+        baseline, that comes from ``/tf_static``, or the transforms of RealSense's recordings.
     register
         Topic of the ``camera_info`` of a third camera, such as a color camera, to get depths in its
         frame: its pose comes from ``/tf_static`` or the transforms of RealSense's recordings. "":
@@ -110,7 +110,7 @@ def open_recording(
     OSError
         If the file cannot be read.
     ValueError
-        If it is not a recording or cut short, has no such topic, or the cameras are not a
+        If it is not a recording, is cut short or has no such topic, or the cameras are not a
         calibrated pair; if the tolerance is negative.
     ImportError
         If the extra ``ros`` is not installed.
@@ -173,7 +173,7 @@ def _guessed(bag: Bag, path: StrPath) -> tuple[str, str]:
         if one in left and (right := left.replace(one, other)) in images
     ]
     whole = {left for left, _ in pairs}
-    # If images exist twice, the uncompressed ones count.
+    # If a recording has images twice, the uncompressed ones count.
     pairs = [(a, b) for a, b in pairs if a.removesuffix("/compressed") not in whole - {a}]
     if len(pairs) == 1:
         return pairs[0]
@@ -232,7 +232,7 @@ def _geometry(
 
 
 def _beside(bag: Bag, topics: tuple[str, str]) -> tuple[str, ...]:
-    """Return the topics of ``camera_info`` of both images: the actual or the expected ones."""
+    """Return the topics of ``camera_info`` for both images: the actual or the expected ones."""
     places = [info_topics(topic) for topic in topics]
     return next(
         (both for both in zip(*places, strict=True) if all(one in bag.topics for one in both)),
@@ -255,7 +255,7 @@ def _firsts(bag: Bag, topics: Sequence[str], of: Callable[[Any], Any]) -> dict[s
 def _third(
     bag: Bag, left: str, given: Sequence[str] | None, register: str
 ) -> tuple[ThirdCamera, str]:
-    """Return a third camera, by its ``camera_info`` and transforms, and the frame of its images."""
+    """Return a third camera, from its ``camera_info`` and transforms, and its images' frame."""
     if bag.topics.get(register, ("", 0))[0] != _INFO:
         raise ValueError(f"register: got {register!r}, not a topic of camera_info")
     first = (
@@ -276,7 +276,7 @@ def _third(
 
 
 def _pose(bag: Bag, topics: tuple[str, str], frames: tuple[str, str]) -> Matrix | None:
-    """Return the pose of the second camera in the first one by transforms; None: unknown."""
+    """Return the pose of the second camera in the first one from transforms, or None."""
     static = [name for name, (kind, _) in bag.topics.items() if kind == _TRANSFORMS]
     transforms = [
         (one.header.frame_id, one.child_frame_id, one.transform)

@@ -9,7 +9,7 @@ import numpy as np
 
 from phasestereo.io.rigs.cameras import Matrix
 
-_ACROSS = 0.05  # of the baseline: limit of rectified cameras' offset across it; radians of turn
+_ACROSS = 0.05  # of the baseline: largest offset of rectified cameras across it; radians of turn
 
 
 def pose_between(
@@ -48,12 +48,12 @@ def pose_between(
 
 
 def baseline_of(pose: Matrix | None) -> tuple[float, float] | None:
-    """Return the distance of a camera to the right of a rectified one, and below it, m.
+    """Return the distances of a camera to the right of a rectified one and below it, m.
 
     Parameters
     ----------
     pose
-        (4, 4), of the camera in the frame of the other one; None: unknown.
+        (4, 4), pose of the camera in the frame of the other one; None: unknown.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Diagnose the pair alongside its matches, as often as their time allows."""
+"""Diagnose the pair while matches run, as often as their time allows."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def diagnosing(show: Display) -> Thread:
                 index = frame.index
                 show.diagnose(check(frame.left, frame.right))
 
-            # After a longer diagnosis, matches run undisturbed for longer.
+            # After a longer diagnosis, leave matches undisturbed for longer.
             if show.wait_closed(max(_PAUSE, _SHARE * (monotonic() - start))):
                 return
 

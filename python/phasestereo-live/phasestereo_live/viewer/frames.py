@@ -1,4 +1,4 @@
-"""A frame in the page's format: its maps, its images, and the geometry of its points."""
+"""Pack a frame for the page: its maps, its images, and the geometry of its points."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from phasestereo.views.depths import YAW, ranging
 from phasestereo.views.page.scene import described
 from phasestereo_live.video.streaming import Frame
 
-_MOST = 1_000_000  # pixels: the page gets every n-th of every n-th row of larger frames
+_MOST = 1_000_000  # pixels: of larger frames, the page gets every n-th pixel of every n-th row
 _MAPS = "disparity", "confidence", "uncertainty"
 
 
@@ -26,7 +26,7 @@ def packed(
     frame
         The frame.
     calibration
-        Its geometry, if that has the size of the frame; None: a nominal one.
+        Its geometry, if its size is that of the frame; None: a nominal geometry.
     unit
         The unit of the baseline.
     ends

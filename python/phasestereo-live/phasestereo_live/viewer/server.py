@@ -1,4 +1,4 @@
-"""The server for the browser: on this machine only, and only for admitted browsers.
+"""Serve the page on this machine only, and only to admitted browsers.
 
 The browser exchanges the key in its address for a cookie: ``http://127.0.0.1:PORT/KEY`` leads to
 ``http://127.0.0.1:PORT/ROOM/``, which answers nothing without the cookie. The key is in a file that
@@ -8,7 +8,7 @@ to the room, and nobody else knows its name. A browser may also send requests he
 another site. These do not carry the cookie, and, under another name for this machine (DNS
 rebinding), not the right ``Host``.
 
-All other clients that connect can only wait: for some seconds, and while connections are free.
+All other clients that connect can only wait for a few seconds, and while connections are free.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from phasestereo_live.video.streaming import Frame
 from phasestereo_live.viewer.show import RANGES, Display
 
 _HOME = "127.0.0.1"
-_LONGEST = 4096  # bytes that a browser may send
+_LONGEST = 4096  # the most bytes that a browser may send
 _PATIENCE = 10.0  # seconds that a request for news stays open
 _SILENCE = 20.0  # seconds before a silent connection is closed
 _MOST = 32  # connections at a time; a browser opens six
@@ -122,7 +122,7 @@ def _leading_to(address: str) -> bytes:
 
 
 class _Listener(ThreadingHTTPServer):
-    """Takes connections; if they are too many, the oldest one without a cookie goes."""
+    """Accepts connections; if there are too many, it closes the oldest one without a cookie."""
 
     daemon_threads = True
     block_on_close = False
@@ -134,7 +134,7 @@ class _Listener(ThreadingHTTPServer):
         super().__init__(*given)
 
     def process_request(self, request: Any, client_address: Any) -> None:
-        """Answer in a thread, if a connection is free or can be freed."""
+        """Answer in a thread, if a connection is free or this can free one."""
         with self._lock:
             if len(self._connections) >= _MOST:
                 spare = next(
@@ -159,7 +159,7 @@ class _Listener(ThreadingHTTPServer):
         super().shutdown_request(request)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Do not report browsers that have gone."""
+        """Do not report browsers that are gone."""
 
 
 class _Answers:
@@ -219,7 +219,7 @@ class _Answers:
 
 
 def _is_same(one: str, other: str) -> bool:
-    """Compare secrets in a time that reveals nothing about them."""
+    """Compare secrets in a time that does not reveal them."""
     return secrets.compare_digest(one.encode("utf-8", "replace"), other.encode())
 
 
@@ -296,7 +296,7 @@ class _Handler(BaseHTTPRequestHandler):
         return name, {key: values[-1] for key, values in parse_qs(query).items()}
 
     def _let_in(self) -> None:
-        """Set the cookie, on our own page: browsers do not send it from pages of others."""
+        """Set the cookie, on our own page: browsers do not send it from other sites' pages."""
         cookie = f"{_COOKIE}={self.cookie}; Path=/{self.room}/; HttpOnly; SameSite=Strict"
         page = _leading_to(f"/{self.room}/")
         self._say(HTTPStatus.OK, _HTML, page, {"Set-Cookie": cookie})

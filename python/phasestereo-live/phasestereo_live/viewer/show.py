@@ -22,7 +22,7 @@ from phasestereo_live.video.streaming import Failure, Frame
 from phasestereo_live.viewer.frames import packed
 
 Change = Callable[["Settings", int | None], None]
-"""Matches the coming frames with other settings and another number of disparities."""
+"""Matches the next frames with other settings and another number of disparities."""
 
 RANGES: Mapping[str, tuple[float, float]] = {
     "p1": (0, 100),
@@ -86,7 +86,7 @@ class Display:
 
     @contextmanager
     def _news(self) -> Iterator[None]:
-        """Change something, and wake up all threads that wait for it."""
+        """Change something, and wake up all threads that wait for a change."""
         with self._changed:
             yield
             self._version += 1
@@ -133,12 +133,12 @@ class Display:
             self._diagnosis = diagnosis
 
     def know(self, calibration: Calibration, unit: str) -> None:
-        """Show depths from now on; "" if the unit of the baseline is unknown."""
+        """Show depths from now on; the unit is "" if that of the baseline is unknown."""
         with self._news():
             self._calibration, self._unit = calibration, unit
 
     def end(self, why: str) -> None:
-        """Show that no more frames come, and the reason."""
+        """Show that no more frames will come, and the reason."""
         with self._news():
             self._ended = why
 
@@ -210,7 +210,7 @@ class Display:
         }
 
     def set(self, wanted: Mapping[str, Any]) -> None:
-        """Match the coming frames with other settings.
+        """Match the next frames with other settings.
 
         Parameters
         ----------
@@ -232,7 +232,7 @@ class Display:
             if not low <= value <= high:
                 raise ValueError(f"{name}: got {value:g}; accepts {low:g} to {high:g}")
 
-        with self._setting:  # two browsers may look
+        with self._setting:  # two browsers may be open
             self._set(wanted)
 
     def _set(self, wanted: Mapping[str, Any]) -> None:
@@ -256,7 +256,7 @@ class Display:
             self.settings, self.num_disparities = settings, count
 
     def hold(self, on: object) -> None:
-        """Keep the last frame, to view and save while others come; or keep none."""
+        """Keep the last frame, to view and save it while others come, or stop keeping one."""
         self.held = self.frame if on is True else None
 
     @property
@@ -284,7 +284,7 @@ class Display:
         Raises
         ------
         OSError, ValueError
-            If no pair has come, or it cannot be written.
+            If no pair has come yet, or it cannot be written.
         """
         frame = self.looked_at
         if frame is None:
