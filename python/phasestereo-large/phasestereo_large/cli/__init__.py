@@ -1,1 +1,1 @@
-"""The commands ``phasestereo large``, ``batch`` and ``asp``, found by their entry points."""
+"""The commands ``phasestereo large``, ``batch`` and ``asp``, which entry points name."""

@@ -1,4 +1,4 @@
-"""``phasestereo asp``: the matcher that the Ames Stereo Pipeline calls for each tile of a pair."""
+"""``phasestereo asp``: the matcher that the Ames Stereo Pipeline calls for each tile."""
 
 # No `from __future__ import annotations`: the command line is made of these annotations.
 
@@ -21,7 +21,7 @@ from phasestereo_large.geotiff import read_geotiff_pair, write_geotiff
 
 _OPTIONS = frozenset(["preset", "threads"]).union(field.name for field in fields(Settings))
 _UNASKED = {"fill": False, "self_rectify": False}
-"""The pipeline interpolates by itself, and its tiles are rectified: other rows would mislead it."""
+"""The pipeline fills gaps itself, and its tiles are rectified: other rows would mislead it."""
 
 _SEARCH = Group.create_ordered("Search")
 _SETTINGS = Group.create_ordered("Expert settings", help=SETTINGS_HELP)
@@ -40,10 +40,10 @@ def asp(
     threads: Annotated[int | None, Parameter(group=_SEARCH)] = None,
     overrides: Annotated[Overrides | None, Parameter(name="*", group=_SETTINGS)] = None,
 ) -> None:
-    """Match a tile of the Ames Stereo Pipeline, which calls it so.
+    """Match a tile of the Ames Stereo Pipeline, which calls this command.
 
-    Left column x corresponds to right column x + d: disparities have the sign that the pipeline
-    has, which is not that of the other commands. For example:
+    Left column x corresponds to right column x + d: disparities have the pipeline's sign, which
+    differs from the sign in the other commands. For example:
 
     ```
     phasestereo asp -r -40 -R 8 left.tif right.tif disparity.tif
@@ -52,13 +52,15 @@ def asp(
     Parameters
     ----------
     left
-        Left image, a TIFF file; NaN, or its "no data" value: no data.
+        Left image, a TIFF file; NaN and its "no data" value mark pixels without data.
     right
-        Right image, of the same size.
+        Right image of the same size.
     output
-        TIFF file for the disparities, 32-bit floats of the images' size; NaN elsewhere.
+        TIFF file for the disparities, 32-bit floats, as large as the images; NaN where there is no
+        disparity.
     minimum
-        The smallest disparity to search; needs --maximum. Without both, the range is found.
+        The smallest disparity to search; needs --maximum. Without both, the command finds the
+        range.
     maximum
         The largest disparity to search.
     threads
@@ -88,7 +90,7 @@ def asp(
 
 
 def _range(minimum: int | None, maximum: int | None) -> tuple[int, int | None]:
-    """Return the smallest disparity and their number by our sign."""
+    """Return the smallest disparity and the number of disparities, with our sign."""
     if minimum is None and maximum is None:
         return 0, None
     if minimum is None or maximum is None or minimum > maximum:
@@ -101,10 +103,10 @@ def _range(minimum: int | None, maximum: int | None) -> tuple[int, int | None]:
 
 
 def _disparities(result: Result, left: Mask, right: Mask) -> NDArray[np.float32]:
-    """Return right less left columns, NaN where either pixel has no data."""
+    """Return right minus left columns, NaN where either pixel has no data."""
     found = result.disparity
     rows, columns = np.indices(found.shape)
-    with np.errstate(invalid="ignore"):  # NaN is of no column
+    with np.errstate(invalid="ignore"):  # NaN is not a column
         partners = np.nan_to_num(columns - np.rint(found), nan=-1).astype(np.int64)
     inside = left & (partners >= 0) & (partners < found.shape[1])
     inside &= right[rows, np.clip(partners, 0, found.shape[1] - 1)]

@@ -1,4 +1,4 @@
-"""``phasestereo batch``: a list or a folder of pairs in, a disparity map for each out."""
+"""``phasestereo batch``: makes a disparity map for each pair of a list or a folder."""
 
 # No `from __future__ import annotations`: the command line is made of these annotations.
 
@@ -33,7 +33,7 @@ _OUTPUT = Group.create_ordered("Output")
 _SEARCH = Group.create_ordered("Search")
 _WORK = Group.create_ordered("Work")
 _SETTINGS = Group.create_ordered("Expert settings", help=SETTINGS_HELP)
-_LISTED = 1000  # failures in the JSON: all are in the manifest
+_LISTED = 1000  # failures in the JSON: the manifest has all of them
 
 _Count = Annotated[int | None, Parameter(group=_WORK, validator=AT_LEAST_ONE)]
 _File = Annotated[Path | None, Parameter(group=_WORK)]
@@ -65,10 +65,10 @@ def batch(
 ) -> None:
     """Match many pairs, on all processors of this machine or on a Dask cluster.
 
-    Pairs whose result is in the output folder already are skipped, so the same command goes on
-    after any end. What has become of every pair is in ``manifest.jsonl`` there, one JSON object a
-    line. Those that fail are tried again at the end, and recorded with the reason; the exit code is
-    1 then. For example:
+    The command skips pairs that already have a result in the output folder, so the same command
+    continues after any end. The file ``manifest.jsonl`` there records the outcome of every pair,
+    one JSON object per line. Pairs that fail get another try at the end, and a record with the
+    reason; the exit code is then 1. For example:
 
     ```
     phasestereo batch pairs.csv --num-disparities 128 -o maps
@@ -84,37 +84,37 @@ def batch(
         the columns name, num_disparities, min_disparity, left_mask, right_mask; its paths are
         relative to it.
     output
-        Folder for the results, NAME.tif and so on; on a cluster one that all machines share.
+        Folder for the results, NAME.tif and so on; on a cluster, a folder that all machines share.
     format
         Format of the disparities; .tif keeps the georeference of the left image.
     layers
-        flags, confidence, uncertainty (the error bars): to be written beside the disparities, as
+        flags, confidence, uncertainty (the error bars): layers to write beside the disparities, as
         NAME.flags.tif and so on.
     json
         Print one JSON object on standard output: numbers, settings, failures, files.
     num_disparities
-        Number of disparities to search where the list, or calib.txt, does not say; auto: those that
-        are found in the images of each pair.
+        Number of disparities to search, if the list or calib.txt does not give it; auto: find it in
+        the images of each pair.
     min_disparity
-        Smallest disparity to search where the list does not say.
+        Smallest disparity to search, if the list does not give it.
     scheduler
-        Address of the scheduler of a Dask cluster, tls://HOST:PORT, or tcp://HOST:PORT in a network
-        of which every user is trusted: whoever can connect runs what they like.
+        Address of a Dask cluster's scheduler, tls://HOST:PORT, or tcp://HOST:PORT in a network
+        where you trust every user: anyone who can connect can run any code.
     tls_ca
-        File of the certificates that the cluster's must be signed by.
+        File of the certificates that must sign the cluster's own certificate.
     tls_cert
-        File of the certificate to connect by.
+        File of your certificate for the connection.
     tls_key
-        File of its key.
+        File of your certificate's key.
     workers
         Number of processes on this machine; without it, one per processor.
     threads
-        Number of threads of each match; without it, such that all processors of this machine are
-        busy, and 1 on a cluster.
+        Number of threads per match; without it, enough to keep all processors of this machine busy,
+        and 1 on a cluster.
     retries
-        How often a pair that failed is tried again.
+        Number of retries for a pair that failed.
     time_limit
-        Seconds that a pair may take; without it, any number.
+        Seconds that a pair may take; without it, no limit.
     """
     if (tls_ca or tls_cert or tls_key) and scheduler is None:
         raise wrong("tls_ca", "has no effect without --scheduler")
@@ -155,7 +155,7 @@ def _show_failure(record: Record) -> None:
 
 
 def _security(ca: Path | None, cert: Path | None, key: Path | None) -> Any:
-    """Return the encryption of a connection; None: not encrypted."""
+    """Return the encryption of a connection, or None without encryption."""
     if not (ca or cert or key):
         return None
     if ca is None or cert is None or key is None:
@@ -164,7 +164,7 @@ def _security(ca: Path | None, cert: Path | None, key: Path | None) -> Any:
 
 
 def _show(report: BatchReport, settings: Settings, *, as_json: bool) -> None:
-    """Print what a run came to on standard output."""
+    """Print the outcome of a run on standard output."""
     if as_json:
         print_json(
             {

@@ -1,4 +1,4 @@
-"""``phasestereo large``: a pair larger than memory, from file to file."""
+"""``phasestereo large``: matches a pair larger than memory, from file to file."""
 
 # No `from __future__ import annotations`: the command line is made of these annotations.
 
@@ -63,8 +63,8 @@ def large(
 ) -> None:
     """Match a pair larger than memory, from file to file.
 
-    The pair is read, matched and written band by band. The result is that of the whole pair at one
-    scale, to the bit, and the same command goes on after whatever ended it. For example:
+    The command reads, matches and writes the pair band by band. The result equals that of the whole
+    pair at one scale, to the bit. After an interruption, the same command continues. For example:
 
     ```
     phasestereo large left.tif right.tif --num-disparities 256 --max-memory 2GB -o out.tif
@@ -80,12 +80,12 @@ def large(
         File for the disparities in pixels: .tif (which keeps the georeference of the left image),
         .npy or .zarr.
     flags_output
-        File for the flags, 16 bits, of the same formats.
+        File for the flags, 16 bits, in the same formats.
     confidence_output
         File for the confidences, 0 to 1.
     uncertainty_output
-        File for the error bars in pixels, half the width of what holds the true disparity with a
-        probability of 90 %.
+        File for the error bars in pixels: half the width of the interval that holds the true
+        disparity with a probability of 90 %.
     json
         Print one JSON object on standard output: size, settings, memory, flags, files.
     num_disparities
@@ -93,22 +93,22 @@ def large(
     min_disparity
         Smallest disparity to search.
     left_mask
-        File of the left image's size, read like it, not zero where pixels are valid.
+        File as large as the left image, in one of its formats, non-zero at valid pixels.
     right_mask
-        The same of the right image.
+        The same for the right image.
     bands
         Number of the band of TIFF images to match, or 3,2,1 for red, green and blue.
     noise
         Standard deviation of the images' noise, in units of their pixels; needed with
         --noise-threshold.
     max_memory
-        Memory that the program may take, all in all, such as 2GB or 800MiB.
+        Total memory that the program may take, such as 2GB or 800MiB.
     threads
         Number of threads; without it, one per processor.
     band_rows
         Rows of a band; default: the most that the memory allows.
     restart
-        Drop what an earlier run left finished.
+        Drop the finished bands of an earlier run.
     """
     with refusals(options=_OPTIONS):
         settings = resolve(preset, None, overrides or {})
@@ -145,7 +145,7 @@ def large(
 
 
 def _show_plan(plan: Plan) -> None:
-    """Print what a run takes, before it starts and again after its first band."""
+    """Print the memory and time of a run, before it starts and again after its first band."""
     duration = format_duration(plan.seconds)
     if plan.by_band:
         say(f"by its first band, {duration} to go")
@@ -163,7 +163,7 @@ def _show_plan(plan: Plan) -> None:
 
 
 def format_duration(seconds: float) -> str:
-    """Return a duration in words, as exactly as an estimate is worth."""
+    """Return a duration in words, rounded as much as an estimate deserves."""
     if seconds < 100:
         return f"{max(1, round(seconds))} s"
     if seconds < 100 * 60:
