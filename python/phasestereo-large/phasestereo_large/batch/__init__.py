@@ -1,9 +1,8 @@
-"""Many pairs of image files, matched by many processes, on this machine or a Dask cluster.
+"""Match many pairs of image files in many processes, on this machine or a Dask cluster.
 
-`read_pairs` finds the pairs, `run` matches them. The process that finds a result writes it,
+`read_pairs` finds the pairs, `run` matches them. The process that matches a pair writes its result,
 completely or not at all. A manifest records the outcome of every pair, so that a rerun does only
-the missing ones. Needs the extra ``batch``; with a cluster ``dask``, which is imported on first
-use.
+the missing ones. Needs the extra ``batch``; with a cluster ``dask``, which it imports on first use.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The processes that match: those of a Dask cluster that is there already."""
+"""Use the workers of an existing Dask cluster as the processes that match."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from phasestereo_large.processes import TaskResult, WorkerDiedError
 
 _DIED = "its worker died: it ran out of memory, was killed, or crashed"
 _PEM = b"-----BEGIN "
-_FIRST_WORKER = 60  # seconds until one must have come: those of a batch system take a while
+_FIRST_WORKER = 60  # seconds to wait for one: workers from a batch system take a while
 
 
 def share(workers: int | None, threads: int | None, pairs: int) -> tuple[int, int]:
-    """Return the number of matching processes of this machine, and the threads of each.
+    """Return the number of matching processes on this machine, and the threads of each.
 
-    All processors are used, none twice: one process a processor, fewer if there are fewer pairs, or
-    the number wanted; each with its part of the processors.
+    They use every processor once: one process per processor, or fewer if there are fewer pairs, or
+    the requested number; each gets its part of the processors.
     """
     processors = _core.Workers(None).count
 
@@ -37,14 +37,14 @@ def share(workers: int | None, threads: int | None, pairs: int) -> tuple[int, in
 
 
 def encryption(ca: StrPath, cert: StrPath, key: StrPath) -> Any:
-    """Return the encryption and mutual authentication of a connection to a cluster.
+    """Return the encryption and mutual authentication for a connection to a cluster.
 
     Parameters
     ----------
     ca
-        The certificates of those whose word is believed.
+        The certificates of the trusted authorities.
     cert, key
-        The certificate of this end, and its key.
+        This machine's certificate, and its key.
 
     Raises
     ------
@@ -74,16 +74,17 @@ def remote(address: str, security: Any = None) -> Iterator[Cluster]:
     Parameters
     ----------
     address
-        That of its scheduler.
+        The address of its scheduler.
     security
-        What `encryption` returns; None: what the configuration of Dask says.
+        The result of `encryption`; None: as in Dask's configuration.
 
     Raises
     ------
     OSError
-        If there is no scheduler, or no worker comes.
+        If no scheduler answers, or no worker comes.
     ValueError
-        If the address is invalid, or a worker has another version of this package, or none.
+        If the address is invalid, or a worker has another version of this package, or does not have
+        it.
     ImportError
         If Dask's scheduler is not installed.
     """
@@ -98,7 +99,7 @@ def remote(address: str, security: Any = None) -> Iterator[Cluster]:
 
 @contextmanager
 def _without_logs() -> Iterator[None]:
-    """Keep Dask's client from logging, with tracebacks, what is raised anyway."""
+    """Keep Dask's client from logging errors with tracebacks; we raise them anyway."""
     logger = logging.getLogger("distributed.client")
     before, logger.disabled = logger.disabled, True
     try:
@@ -118,8 +119,8 @@ def _connected(address: str, security: Any) -> Any:
             f"scheduler: got {address!r}; accepts an address such as tcp://host:8786: {error}"
         )
 
-    # A client that has failed is closed when it is collected. If the thread of a later client
-    # happens to do that, the two wait for each other.
+    # The garbage collector closes a client that failed. If it does so in the thread of a later
+    # client, the two wait for each other.
     gc.collect()
     raise refusal
 
@@ -131,7 +132,7 @@ class Cluster:
         distributed = require("distributed", extra="dask")
         self._client = client
         self._ended = distributed.as_completed(loop=client.loop)
-        # The exceptions by which the end of a task is judged.
+        # The exceptions that show how a task ended.
         self._died = require("distributed.scheduler", extra="dask").KilledWorker
         self._cancelled = distributed.CancelledError
 
@@ -147,17 +148,17 @@ class Cluster:
             threads: dict[str, int] = self._client.nthreads()
         except OSError as error:
             raise _lost(error) from error
-        return max(1, sum(threads.values()))  # zero while the last one restarts
+        return max(1, sum(threads.values()))  # zero while the last worker restarts
 
     def submit(self, key: str, function: Callable[..., Any], *arguments: Any) -> None:
-        """Let a worker call a function; no two tasks have the same key."""
+        """Have a worker call a function; every task needs its own key."""
         self._ended.add(self._client.submit(function, *arguments, key=key, retries=0))
 
     def finished(self) -> tuple[str, TaskResult]:
-        """Wait for a task to end; return its key, and what returns or raises its result.
+        """Wait for a task to end; return its key, and a function that returns or raises its result.
 
-        That raises `WorkerDiedError` if its worker died, and `ConnectionError` if the scheduler is
-        lost.
+        The function raises `WorkerDiedError` if its worker died, and `ConnectionError` if the
+        scheduler is lost.
         """
         future = next(self._ended)
         return future.key, partial(self._result, future)
@@ -174,7 +175,7 @@ class Cluster:
 
 
 def _lost(error: Exception) -> ConnectionError:
-    """Return the error for a scheduler that does not answer any more."""
+    """Return the error for a scheduler that stopped answering."""
     return ConnectionError(
         f"the scheduler is lost; the same run again does what is missing ({error})"
     )

@@ -1,7 +1,7 @@
-"""What has become of every pair of a batch: a file of records, sound after any end of a run.
+"""Record the outcome of every pair of a batch in a file that stays sound after any end of a run.
 
-Folders of results go through many hands: every record is held to its schema before it is believed.
-An invalid line is set apart, with its number, and its pair is matched again.
+Folders of results go through many hands, so this module checks every record against its schema. It
+sets an invalid line apart, with its number, and the run matches its pair again.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from phasestereo.io.files import StrPath
 from phasestereo_large.records import Appender, check_ranges, decode, decoded, encode, read_lines
 
 State: TypeAlias = Literal["done", "failed"]
-"""What may have become of a pair."""
+"""The possible outcomes of a pair."""
 
 DONE: State = "done"
 FAILED: State = "failed"
@@ -38,28 +38,29 @@ class Record:
     left, right
         The files of its images.
     num_disparities, min_disparity
-        The disparities searched; of a pair that failed before they were found, None.
+        The disparities searched; None for a pair that failed before the run found them.
     recipe
-        A digest of all that the result depends on: the files (path, size, time of change), the
-        disparities, the settings, the version. A pair with another one is matched again.
+        A digest of everything that the result depends on: the files (path, size, time of change),
+        the disparities, the settings, the version. If the digest changed, the run matches the pair
+        again.
     reason
         Why it failed.
     attempts
-        How often it was tried in the run that recorded it.
+        Number of attempts in the run that recorded it.
     seconds
-        Wall-clock time that a worker took for it, reading and writing included.
+        Wall-clock time that a worker took for it, including reading and writing.
     width, height
         Size of the images.
     estimated
         Share of the pixels with an estimate, 0 to 1.
     blur
-        What blur was found, in words, if that was asked for.
+        The blur found, in words, if the settings request it.
     doubt
-        Why the result as a whole is not to be trusted, if so: what `phasestereo.match` warns of.
+        Why not to trust the result as a whole, if so: the warning of `phasestereo.match`.
     files
-        The files of the result, in the folder of the manifest, and their lengths in bytes.
+        The files of the result, in the manifest's folder, and their lengths in bytes.
     worker
-        Name of the machine and number of the process that tried it last.
+        Name of the machine and number of the process that made the last attempt.
     """
 
     name: str
@@ -82,14 +83,14 @@ class Record:
 
 
 def read_manifest(path: StrPath) -> dict[str, Record]:
-    """Read a manifest; return its records by the names of the pairs.
+    """Read a manifest, and return its records by the names of the pairs.
 
     Raises
     ------
     OSError
         If the file cannot be read.
     ValueError
-        If a line of it is not a record; the message names the line.
+        If one of its lines is not a record; the message names the line.
     """
     records, damaged = _read(Path(path))
     if damaged:
@@ -99,7 +100,7 @@ def read_manifest(path: StrPath) -> dict[str, Record]:
 
 @dataclass(frozen=True, slots=True)
 class Damage:
-    """A line of a manifest that is not a record: its place, its fault, its text."""
+    """An invalid line of a manifest: its place, its fault, its text."""
 
     where: str
     reason: str
@@ -109,9 +110,9 @@ class Damage:
 class Manifest:
     """The records of a folder of results, old and new.
 
-    ``manifest.jsonl`` is replaced as a whole, in the order of the pairs, when a run begins and when
-    it ends. What happens in between is appended to it line by line: of two records of a pair the
-    later one counts. Lines that are no records go into ``manifest.damaged`` when it is saved.
+    A run replaces ``manifest.jsonl`` as a whole, in the order of the pairs, when it begins and when
+    it ends. In between it appends records line by line: if a pair has two records, the later one
+    counts. Saving moves invalid lines into ``manifest.damaged``.
 
     Parameters
     ----------
@@ -123,22 +124,22 @@ class Manifest:
     OSError
         If the file cannot be read.
     ValueError
-        If not a single line of the manifest is a record: it is something else, and left alone.
+        If no line of the manifest is a record: it is something else, and stays unchanged.
     """
 
     def __init__(self, folder: Path) -> None:
         self.path = folder / "manifest.jsonl"
         self._apart = folder / "manifest.damaged"
-        self._appender: Appender | None = None  # once something goes into the file
+        self._appender: Appender | None = None  # once there is something to append
 
         is_there = self.path.exists() or self.path.is_symlink()
         self.records, self.damaged = _read(self.path) if is_there else ({}, [])
         if self.damaged and not self.records:
             raise ValueError(f"{self.damaged[0].where}: {self.damaged[0].reason}")
-        self._kept = 0  # damaged lines that are in the file apart
+        self._kept = 0  # damaged lines that ``manifest.damaged`` holds
 
     def add(self, record: Record) -> None:
-        """Add a record; it is in the file when the call returns."""
+        """Add a record; the file holds it when the call returns."""
         self.records[record.name] = record
         if self._appender is None:
             self._appender = Appender(self.path)
@@ -170,7 +171,7 @@ class Manifest:
 
 
 def _read(path: Path) -> tuple[dict[str, Record], list[Damage]]:
-    """Return the records of a file, and the lines that are none."""
+    """Return the records of a file, and its invalid lines."""
     records: dict[str, Record] = {}
     damaged: list[Damage] = []
     for number, line in read_lines(path):

@@ -1,4 +1,4 @@
-"""Which pairs there are: lists in CSV files, and folders that are laid out as data sets are."""
+"""Find pairs in lists (CSV files), and in folders with the layout of data sets."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from phasestereo.result import LAYERS
 
 _NEEDED = ("left", "right")
 _COLUMNS = (*_NEEDED, "name", "num_disparities", "min_disparity", "left_mask", "right_mask")
-_LONGEST = 200  # bytes of a name: with a suffix it must fit what file systems take
-_LONGEST_LINE = 2**16  # characters of a list
+_LONGEST = 200  # bytes of a name: with a suffix it must fit the limit of file systems
+_LONGEST_LINE = 2**16  # characters of a line
 _CONTROL = re.compile(r"[\0-\x1f\x7f-\x9f]")
 
 
@@ -35,9 +35,9 @@ class PairFiles:
     left, right
         The files of its images.
     num_disparities, min_disparity
-        The disparities to search; None: found in the images.
+        The disparities to search; None: find them in the images.
     left_mask, right_mask
-        Images that are not zero where a pixel is valid; None: all are.
+        Images with non-zero values at valid pixels; None: all are valid.
     """
 
     name: str
@@ -50,7 +50,7 @@ class PairFiles:
 
     @property
     def files(self) -> list[Path]:
-        """The files that are read."""
+        """The files to read."""
         given = self.left, self.right, self.left_mask, self.right_mask
         return [file for file in given if file is not None]
 
@@ -58,29 +58,28 @@ class PairFiles:
 def read_pairs(
     source: StrPath, *, num_disparities: int | None = None, min_disparity: int = 0
 ) -> list[PairFiles]:
-    """Find the pairs of a list or of a folder.
+    """Find the pairs in a list or a folder.
 
     Parameters
     ----------
     source
-        - A CSV file whose first line names its columns: ``left`` and ``right``, and if wanted
-          ``name`` (else the name of the left file), ``num_disparities``, ``min_disparity``,
-          ``left_mask`` and ``right_mask``. Paths are relative to the folder of the list.
-        - A folder of scenes as Middlebury has them, each a subfolder with ``im0.png`` and
-          ``im1.png``, and with ``calib.txt``, whose ``ndisp`` says what to search.
-        - A folder with both views in subfolders (``left`` and ``right``, or as KITTI and EuRoC call
-          them), whose images are paired by name, else in order, or in files named left... and
-          right...
+        - A CSV file whose first line names its columns: ``left`` and ``right``, and optionally
+        ``name`` (else the name of the left file), ``num_disparities``, ``min_disparity``,
+        ``left_mask`` and ``right_mask``. Paths are relative to the folder of the list. - A folder
+        of scenes in Middlebury's layout, each a subfolder with ``im0.png`` and ``im1.png``, and
+        with ``calib.txt``, whose ``ndisp`` gives the number of disparities to search. - A folder
+        with both views in subfolders (``left`` and ``right``, or the names of KITTI and EuRoC),
+        whose images pair up by name, else in order, or in files named left... and right...
     num_disparities, min_disparity
-        The disparities to search if the list, or ``calib.txt``, has none; None: found in the images
-        of each pair.
+        The disparities to search if the list, or ``calib.txt``, does not give them; None: find them
+        in the images of each pair.
 
     Raises
     ------
     OSError
-        If the list or the folder cannot be read. Whether the images can is found out later.
+        If the list or the folder cannot be read. This does not try to read the images yet.
     ValueError
-        If the list has other columns, a wrong number or a name twice; if there is no pair. The
+        If the list has other columns, a wrong number or a repeated name; if there is no pair. The
         message names the line.
     """
     place = Path(source).absolute()
@@ -113,7 +112,7 @@ def _of_list(path: Path, search: tuple[int | None, int]) -> Iterator[PairFiles]:
 
 
 def _lines(path: Path, file: TextIO) -> Iterator[str]:
-    """Yield the lines of a list; one that never ends would fill the memory."""
+    """Yield the lines of a list; refuse endless lines, which would fill the memory."""
     while line := file.readline(_LONGEST_LINE):
         if len(line) == _LONGEST_LINE:
             raise ValueError(f"{path}: a line has {_LONGEST_LINE} characters or more: no list")
@@ -138,7 +137,7 @@ def _of_row(
     fields: Sequence[str],
     search: tuple[int | None, int],
 ) -> PairFiles:
-    """Return the pair of one line; empty fields are as good as none."""
+    """Return the pair of one line; an empty field counts as missing."""
     if len(fields) != len(columns):
         raise ValueError(f"{where}: got {len(fields)} fields; accepts {len(columns)}, as above")
 
@@ -169,7 +168,7 @@ def _number(where: str, name: str, given: Mapping[str, str], default: int | None
 
 
 def _of_folder(folder: Path, search: tuple[int | None, int]) -> Iterator[PairFiles]:
-    # Scenes as Middlebury has them; else the views of a rig.
+    # Scenes in Middlebury's layout; else the views of a rig.
     scenes = sorted(path.parent for path in folder.glob("*/im0.png"))
     if scenes:
         for scene in scenes:
@@ -200,12 +199,13 @@ def _of_scene(scene: Path, search: tuple[int | None, int]) -> PairFiles:
 
 
 def check_names(pairs: Iterable[PairFiles]) -> None:
-    """Refuse pairs whose results could not be written, or would overwrite each other.
+    """Refuse pairs whose results have invalid names or would overwrite each other.
 
     Raises
     ------
     ValueError
-        If a name is not a file name, or two pairs have the same, or would have the same files.
+        If a name is not a file name, or two pairs have the same name, or would write the same
+        files.
     """
     known: dict[str, PairFiles] = {}
     for pair in pairs:
@@ -216,7 +216,7 @@ def check_names(pairs: Iterable[PairFiles]) -> None:
                 "dot"
             )
 
-        key = pair.name.casefold()  # some file systems take both for one
+        key = pair.name.casefold()  # some file systems treat both as one
         if key in known:
             raise ValueError(
                 f"got name {pair.name!r} for {pair.left} and for {known[key].left}; accepts each "

@@ -1,4 +1,4 @@
-"""The run: pairs go to workers a few at a time, records come back."""
+"""Run a batch: send a few pairs at a time to workers, and collect their records."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from phasestereo_large.processes import Processes, WorkerDiedError, local
 
 WorkerPool = Cluster | Processes
 
-_AHEAD = 2  # pairs under way for each that is at work, so that no worker waits for its next
+_AHEAD = 2  # pairs under way per worker, so that no worker waits for its next pair
 _LOCK = ".batch.lock"
 
 
@@ -39,20 +39,20 @@ class BatchReport:
     Parameters
     ----------
     pairs
-        Number of pairs of the list.
+        Number of pairs in the list.
     skipped
         Number of pairs that already had a result.
     done
-        Number of pairs that were matched.
+        Number of pairs that this run matched.
     failed
-        Records of pairs that failed, in the order of the list.
+        Records of the pairs that failed, in the order of the list.
     seconds
         Wall-clock time.
     manifest
         The file with the records of all pairs.
     damaged
         The invalid lines of an earlier manifest, by number, with their faults: they are in
-        ``manifest.damaged`` next to it, and their pairs were matched again.
+        ``manifest.damaged`` next to it, and this run matched their pairs again.
     """
 
     pairs: int
@@ -84,40 +84,40 @@ def run(
 ) -> BatchReport:
     """Match many pairs of files in many processes; skip those that already have a result.
 
-    A pair is matched again if its last attempt failed, if a file of its result is missing or not
-    as long as it was, or if its images, the settings, the disparities or the version have changed.
+    The run matches a pair again if its last attempt failed, if a file of its result is missing or
+    changed in length, or if its images, the settings, the disparities or the version changed.
 
     Parameters
     ----------
     pairs
-        The pairs, as `read_pairs` finds them.
+        The pairs, from `read_pairs`.
     folder
-        Folder for results and the manifest; created if missing. Workers write there: it must be the
-        same folder on all machines, and so must the images.
+        Folder for results and the manifest; created if missing. Workers write there, so all
+        machines must share this folder and the images.
     scheduler
-        Address of the scheduler of a Dask cluster, such as "tls://host:8786". None: the run starts
-        its own processes on this machine, which nobody else can reach.
+        Address of a Dask cluster's scheduler, such as "tls://host:8786". None: the run starts its
+        own processes on this machine, which nobody else can reach.
     security
         With a scheduler: a ``distributed.Security`` with the certificates to connect with. Anyone
         who can connect to a scheduler can run any code on its workers and clients.
     workers
-        Number of these processes; None: one per processor.
+        Number of processes on this machine; None: one per processor.
     threads
-        Threads of each match. None: on this machine, a number that keeps all processors busy; on a
-        cluster 1, since a worker matches one pair per thread at the same time.
+        Threads per match. None: on this machine, a number that keeps all processors busy; on a
+        cluster 1, since each thread of a worker matches its own pair.
     retries
-        Number of retries of a pair that failed, or whose worker died, after all others are done.
+        Number of retries for a pair that failed, or whose worker died, after all others are done.
     time_limit
-        Seconds that a pair may take, reading and writing included; None: any number. Processes of
-        this machine that do not end then are ended.
+        Seconds that a pair may take, including reading and writing; None: any number. On this
+        machine, the run ends processes that take longer.
     suffix
         The format of the disparities: ".tif" (which keeps the georeference of the left image),
         ".pfm" or ".npy".
     layers
-        "flags", "confidence" and "uncertainty" (the error bars), to be written beside them as
+        "flags", "confidence" and "uncertainty" (the error bars), to write beside them as
         NAME.flags.tif and so on.
     preset, settings, **overrides
-        As `phasestereo.match` takes them.
+        As in `phasestereo.match`.
     progress
         Called as ``progress(finished, pairs)`` from the calling thread.
     on_failure
@@ -126,25 +126,25 @@ def run(
     Returns
     -------
     BatchReport
-        The outcome. Pairs that failed are not an error.
+        The outcome. A pair that fails does not raise an error.
 
     Raises
     ------
     TypeError, ValueError
-        For a wrong argument, two pairs of one name, a folder with an invalid manifest,
-        workers of another version.
+        For a wrong argument, two pairs with one name, a folder with an invalid manifest, workers
+        with another version.
     OSError
-        If the folder cannot be written to, is full, another run is at work in it, the scheduler
-        cannot be reached, or is lost. All that was finished until then is kept.
+        If the folder is not writable or is full, another run is at work in it, or the scheduler
+        cannot be reached or is lost. The folder keeps everything finished until then.
     ImportError
         If the extra ``batch`` is not installed, or with a scheduler ``dask``.
     RuntimeError
-        If no processes can be started.
+        If no process can start.
 
     Notes
     -----
     A script that calls this without a scheduler must do so under ``if __name__ == "__main__":``,
-    since the processes that are started import it.
+    since the new processes import it.
     """
     chosen = resolve(preset, settings, overrides)
     listed = list(pairs)
@@ -170,7 +170,7 @@ def run(
     target = Path(folder).absolute()
     target.mkdir(parents=True, exist_ok=True)
 
-    # A worker of a cluster matches as many pairs at once as it has threads, each on one.
+    # A cluster's worker matches one pair on each of its threads at the same time.
     count, each = share(workers, threads, len(listed)) if scheduler is None else (0, threads or 1)
     order = Order(
         settings=chosen,
@@ -181,7 +181,7 @@ def run(
         seconds=time_limit,
     )
 
-    # Workers are started, or connected to, only if a pair is to be matched.
+    # Start workers, or connect to them, only if there is a pair to match.
     with locked(target / _LOCK, require("filelock", extra="batch")):
         remove_abandoned(target)
         work = _Run(listed, order, retries, progress, on_failure)
@@ -199,7 +199,7 @@ class _Job:
 
 
 class _Run:
-    """The state of a run: what is to be done still, and what has become of the rest."""
+    """The state of a run: the pairs still to do, and the outcomes of the others."""
 
     def __init__(
         self,
@@ -218,10 +218,10 @@ class _Run:
         self._skipped, self._done, self._failed = 0, 0, 0
 
         self._started = monotonic()
-        self._token = secrets.token_hex(4)  # keys of tasks are not those of an earlier run
+        self._token = secrets.token_hex(4)  # task keys must differ from those of an earlier run
 
     def run(self, connect: Callable[[], AbstractContextManager[WorkerPool]]) -> None:
-        """Do what is to be done; workers are wanted only if there is anything."""
+        """Do all missing pairs; connect to workers only if there are any."""
         self._manifest.save(pair.name for pair in self._pairs)
         try:
             jobs = self._missing()
@@ -246,7 +246,7 @@ class _Run:
         )
 
     def _missing(self) -> Iterator[_Job]:
-        """Yield what is to be done; of the rest nothing but its number is kept."""
+        """Yield the missing pairs, and count the others."""
         for pair in self._pairs:
             recipe = self._order.recipe(pair)
             if self._is_there(self._manifest.records.get(pair.name), recipe):
@@ -263,10 +263,10 @@ class _Run:
         return all(path.is_file() and path.stat().st_size == size for path, size in files)
 
     def _work(self, pool: WorkerPool, jobs: Iterator[_Job]) -> None:
-        """Try all once, then those again that failed, then one by one those whose worker died.
+        """Try all once, then retry those that failed, then, one by one, those whose worker died.
 
-        When a worker of a cluster dies, all that it had been given come under suspicion: alone,
-        each answers for itself.
+        When a worker of a cluster dies, any of its pairs may be the cause. Running each alone shows
+        which one it is.
         """
         self._drain(pool, jobs)
 
@@ -280,7 +280,7 @@ class _Run:
             self._later.clear()
 
     def _drain(self, pool: WorkerPool, jobs: Iterator[_Job]) -> None:
-        """Do these jobs, a few under way at any time."""
+        """Do these jobs, a few at a time."""
         under_way: dict[str, _Job] = {}
         self._submit(pool, jobs, under_way)
         while under_way:
@@ -297,7 +297,7 @@ class _Run:
             pool.submit(key, match_files, job.pair, self._order, job.recipe)
 
     def _settle(self, job: _Job, outcome: Callable[[], Record]) -> None:
-        """Queue a job again that failed, or record how it ended."""
+        """Queue a failed job again, or record how it ended."""
         queue = self._later
         try:
             record = outcome()
@@ -311,7 +311,7 @@ class _Run:
             ) from error
         except ConnectionError:
             raise
-        except Exception as error:  # noqa: BLE001 -- what a worker cannot load may raise anything
+        except Exception as error:  # noqa: BLE001 -- loading a result may raise anything
             record = blank(job.pair, job.recipe, f"the worker could not run it: {error!r}")
 
         if record.state != DONE and job.attempts <= self._retries:

@@ -1,4 +1,4 @@
-"""The work of one pair: read, match, write, and record the outcome."""
+"""Do the work for one pair: read, match, write, and record the outcome."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ from phasestereo_large.geotiff import Georeference
 
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 _EXPECTED = (OSError, ValueError, TypeError, MemoryError, RuntimeError, ImportError)
-"""What one line says enough of; of anything else, where it came from is to be known, too."""
+"""Errors that one line describes well enough; any other error also needs its origin."""
 
 
 class FullDiskError(OSError):
-    """The disk is full: what is true of one pair is true of all that follow."""
+    """The disk is full, so all following pairs would fail, too."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,19 +47,19 @@ class Order:
     Parameters
     ----------
     settings
-        The settings to match with.
+        The settings of the matches.
     folder
-        Where results go.
+        The folder for results.
     suffix
         The format of disparities, by its suffix.
     layers
-        What is written beside them: those of `phasestereo.result.LAYERS`.
+        The layers to write beside them, from `phasestereo.result.LAYERS`.
     threads
-        Number of threads of each match.
+        Number of threads per match.
     seconds
-        How long a pair may take; None: any time.
+        Time limit for a pair; None: no limit.
     version
-        Version of this package where the run was started; workers must have the same.
+        Version of this package in the process that started the run; workers must have the same.
     """
 
     settings: Settings
@@ -71,7 +71,7 @@ class Order:
     version: str = _core.__version__
 
     def recipe(self, pair: PairFiles) -> str:
-        """Return a digest of all that a result depends on; a file that is not there is one, too."""
+        """Return a digest of everything that a result depends on, even if a file is missing."""
         parts = {
             "version": self.version,
             "settings": asdict(self.settings),
@@ -84,12 +84,12 @@ class Order:
 
 
 def version() -> str:
-    """Return the version that a worker has."""
+    """Return the version of this package in a worker."""
     return _core.__version__
 
 
 def blank(pair: PairFiles, recipe: str, reason: str) -> Record:
-    """Return the record of a pair that failed."""
+    """Return the record for a pair that failed."""
     return Record(
         name=pair.name,
         state=FAILED,
@@ -117,7 +117,7 @@ def match_files(pair: PairFiles, order: Order, recipe: str) -> Record:
         raise
     except _EXPECTED as error:
         record = blank(pair, recipe, describe_error(error))
-    except Exception as error:  # noqa: BLE001 -- one pair must not end the run of all others
+    except Exception as error:  # noqa: BLE001 -- one pair must not end the whole run
         place = traceback.extract_tb(error.__traceback__)[-1]
         record = blank(pair, recipe, f"{error!r} in {place.filename}, line {place.lineno}")
 
@@ -126,7 +126,7 @@ def match_files(pair: PairFiles, order: Order, recipe: str) -> Record:
 
 
 def _matched(pair: PairFiles, order: Order, recipe: str) -> Record:
-    if order.version != _core.__version__:  # a worker that came after the run had begun
+    if order.version != _core.__version__:  # a worker that joined after the run began
         raise RuntimeError(
             f"the worker has phasestereo {_core.__version__}; accepts {order.version}"
         )
@@ -145,7 +145,7 @@ def _matched(pair: PairFiles, order: Order, recipe: str) -> Record:
         progress=in_time,
     )
 
-    # Writing takes time, too, which a match that ended late does not have.
+    # Writing also takes time, and a match that ended late has no time left.
     in_time()
 
     rows, cols = result.disparity.shape
@@ -190,7 +190,7 @@ def _write(name: str, order: Order, result: Result, place: Georeference | None) 
             message = f"{order.folder / file} cannot be written: {error.strerror or error}"
             if error.errno in _FULL:
                 raise FullDiskError(message) from error
-            # Some libraries raise an error of their own for a full disk.
+            # Some libraries raise their own error for a full disk.
             if shutil.disk_usage(order.folder).free < values.nbytes:
                 raise FullDiskError(f"{message}: {os.strerror(errno.ENOSPC)}") from error
             raise OSError(message) from error
@@ -201,6 +201,6 @@ def _write(name: str, order: Order, result: Result, place: Georeference | None) 
 def _identity(path: Path) -> list[Any]:
     try:
         state = path.stat()
-    except (OSError, ValueError):  # as of a path with a null byte
-        return [str(path)]  # the worker will say what is wrong with it
+    except (OSError, ValueError):  # such as for a path with a null byte
+        return [str(path)]  # the worker will report what is wrong with it
     return [str(path), state.st_size, state.st_mtime_ns]
