@@ -1,12 +1,11 @@
-"""Bands of rows of a pair, matched separately, in any order: they fit to the bit.
+"""Match bands of rows of a pair separately, in any order; together they equal the whole.
 
-Some things are the same for all parts, or parts would not fit together: the relative blur and the
-map of it, the noise, the type that holds all values and the range in which they lie, how much
-neighboring gray values differ, how sure the match of some rows is. `pair_statistics` gathers them,
-a few rows at a time.
+All parts must share some facts, or they would not fit together: the relative blur and its map, the
+noise, the type that holds all values and their range, the differences of neighboring gray values,
+the confidence of the match in some rows. `pair_statistics` gathers them, a few rows at a time.
 
-Everything else between images and disparities reaches only a limited number of rows up and down
-(`halo`): a band matched together with its halo equals that part of the whole pair.
+Every other step from images to disparities depends on only a limited number of rows up and down
+(`halo`). So a band matched together with its halo equals that part of the whole pair, to the bit.
 """
 
 from __future__ import annotations
@@ -47,35 +46,34 @@ def pair_statistics(
     known: Known | None = None,
     **overrides: Unpack[SettingsOverrides],
 ) -> PairStatistics:
-    """Gather the statistics of a whole pair, in memory that does not grow with its height.
+    """Gather the statistics of a whole pair; memory does not grow with its height.
 
-    Parts are matched at one scale: they equal those of `phasestereo.match` with ``scales=False``,
-    to the bit.
+    Parts are matched at one scale: they equal the result of `phasestereo.match` with
+    ``scales=False``, to the bit.
 
     Parameters
     ----------
     read
-        Called as ``read(first, last)``, several times, for some hundred rows at a time; returns the
-        rows [first, last) of both images and of their masks, ``(left, right, left_mask,
-        right_mask)``, as `phasestereo.match` takes them; a mask may be None. It is called from
-        other threads than the caller's, one call at a time. Its exceptions pass unchanged.
+        Called as ``read(first, last)``, several times, for a few hundred rows at a time; returns
+        the rows [first, last) of both images and of their masks, ``(left, right, left_mask,
+        right_mask)``, as in `phasestereo.match`; a mask may be None. Other threads than the
+        caller's call it, one call at a time. Its exceptions pass unchanged.
     size
         Rows and columns of either image.
     num_disparities, min_disparity, preset, settings, threads, known, **overrides
-        As `phasestereo.match` takes them, `known` without ``before``.
+        As in `phasestereo.match`, `known` without ``before``.
 
     Returns
     -------
     PairStatistics
-        With no more than the settings need: a few rows are read in any case; the pair is gone
-        through two or three times, of 16 bits once more, for the blur and the noise
-        (``compensate_blur``, ``despike``, ``denoise`` or ``noise_threshold > 0``), a few times for
-        the rows (``align_rows``), once for the range (``num_disparities=None``), once for findings,
-        once for overlays, once for black borders, three times where there may be some, once
-        for ``adaptive_p2``, ``synthesis``, ``guided_median`` or confidences, once for float images,
-        once where all values may fit a narrower type or all channels be equal. Where there are
-        confidences, some rows are matched: all up to 768, otherwise three bands of 96 and their
-        halos.
+        Only what the settings need. The function always reads a few rows. It reads the pair two or
+        three times, with 16 bits once more, for the blur and the noise (``compensate_blur``,
+        ``despike``, ``denoise`` or ``noise_threshold > 0``), a few times for the rows
+        (``align_rows``), once for the range (``num_disparities=None``), once for findings, once for
+        overlays, once for black borders, three times if there may be some, once for
+        ``adaptive_p2``, ``synthesis``, ``guided_median`` or confidences, once for float images,
+        once if all values may fit a narrower type or all channels may be equal. For confidences it
+        matches some rows: all up to 768, otherwise three bands of 96 and their halos.
 
     Raises
     ------
@@ -84,16 +82,16 @@ def pair_statistics(
     """
     told = as_known(known)
 
-    # Parts are matched at one scale: they do not know what smaller copies of the whole pair say.
+    # Parts are matched at one scale: they do not know the smaller copies of the whole pair.
     asked = replace(resolve(preset, settings, overrides), scales=False)
     rows = Checked(read, as_size(size))
 
     (left, right), masks = rows(0, 1)
     dtype = left.dtype
     search = min_disparity, num_disparities
-    # Workers of its own: a shared one would wait for a reader that matches.
+    # It has its own workers: a shared one would wait for a reader that matches.
     workers = _core.Workers(threads)
-    # The core owns the ranges of arguments: one row is refused for what all of them would be.
+    # The core owns the ranges of arguments: it refuses one row for the same reasons as all rows.
     plain = replace(asked, align_rows=False)
     _core.estimate_pair((left, right), masks, search, plain, workers, self_rectify=False)
 
@@ -142,7 +140,7 @@ def pair_statistics(
 def _tally(
     rows: Checked, statistics: PairStatistics, workers: _core.Workers
 ) -> tuple[int, int, int, int, int]:
-    """Return the sums that all confidences depend on, from the rows that they are taken of."""
+    """Return the sums that all confidences depend on, from the rows that the core chooses."""
     tallies = []
     for first, last in _core.rows_to_tally(statistics.size[0]):
         images, masks, top = _with_halo(rows, statistics, first, last)
@@ -158,25 +156,26 @@ def halo(
     blur_compensation: BlurCompensation | None = None,
     alignment: Alignment | None = None,
 ) -> int:
-    """Return the largest number of rows above and below a band on which its match depends.
+    """Return the largest number of rows above and below a band that its match depends on.
 
     Parameters
     ----------
     settings
         The settings.
     blur_compensation
-        The versions in which pixels are compared; None: as they are. Those of a `PairStatistics`
-        belong to its settings.
+        The kernels for the images that the match compares; None: unchanged images. Those of a
+        `PairStatistics` belong to its settings.
     alignment
-        How rows correspond: where it is applied, its largest offset and some more. None: they do.
+        The alignment of the rows; if the match applies it, the halo includes its largest offset and
+        a margin. None: rows correspond.
 
     Returns
     -------
     int
-        Rows of the images: those of the window, the neighborhood and the kernels, and those that
-        speckles, filling, smoothing and confidences look at; with ``optimizer="sgm"`` also those
-        that the paths from above and below come from. A row without any valid pixel copies another
-        one, up to 95 rows away; where there are such rows, `match_rows` reads as many more.
+        Rows of the images: those that the window, the neighborhood and the kernels cover, and those
+        that speckles, filling, smoothing and confidences use; with ``optimizer="sgm"`` also those
+        where the paths from above and below start. A row without any valid pixel copies another
+        one, up to 95 rows away; if there are such rows, `match_rows` reads that many more.
 
     Raises
     ------
@@ -204,25 +203,25 @@ def match_rows(
     Parameters
     ----------
     read
-        As `pair_statistics` takes it; it is asked for these rows and those around them.
+        As in `pair_statistics`; called for these rows and those around them.
     statistics
         The statistics of the whole pair.
     first, last
-        The rows, half-open. Memory grows with their number.
+        The rows, half-open. Memory grows with the number of rows.
     threads
-        As `phasestereo.match` takes them.
+        As in `phasestereo.match`.
     progress
-        As `phasestereo.match` takes it; of the rows at hand, those around the band included.
+        As in `phasestereo.match`; counts the rows to match, including those around the band.
 
     Returns
     -------
     Result
-        For these rows only, without the pair: the same bits as these rows of the whole.
+        For these rows only, without the pair: the same bits as in these rows of the whole.
 
     Raises
     ------
     TypeError, ValueError, MemoryError, KeyboardInterrupt
-        As `phasestereo.match`; ValueError also if there are no such rows.
+        As in `phasestereo.match`; ValueError also if the pair does not have these rows.
     """
     if not isinstance(statistics, PairStatistics):
         raise TypeError(f"statistics: got {type(statistics).__name__}; accepts a PairStatistics")
@@ -240,16 +239,16 @@ def match_rows(
 def _with_halo(
     rows: Checked, statistics: PairStatistics, first: int, last: int
 ) -> tuple[tuple[Pixels, Pixels], tuple[Mask | None, Mask | None], int]:
-    """Return rows of images and masks with those that they depend on, and the first of them."""
+    """Return rows of images and masks with all rows that they depend on, and the first row."""
     around, masked = _core.halo(
         statistics.settings, statistics.blur_compensation, statistics.alignment
     )
     top, bottom = _widened(first, last, around, statistics)
     images, masks = rows(top, bottom)
 
-    # Rows without a valid pixel copy others from farther away, so the halo must be wider.
+    # Rows without a valid pixel copy rows from farther away, so the halo must be wider.
     if any(mask is not None and not mask.any(axis=1).all() for mask in masks):
-        del images, masks  # before they are read again, or memory would hold both
+        del images, masks  # before reading again, or memory would hold both
         top, bottom = _widened(top, bottom, masked, statistics)
         images, masks = rows(top, bottom)
 
@@ -261,30 +260,30 @@ def _widened(first: int, last: int, by: int, statistics: PairStatistics) -> tupl
 
 
 def working_memory(statistics: PairStatistics, rows: int, *, threads: int, itemsize: int) -> int:
-    """Return the largest memory of `match_rows` in bytes, besides that of the process before.
+    """Return the largest memory of `match_rows` in bytes, on top of the process's memory before.
 
     Parameters
     ----------
     statistics
         The statistics of the whole pair.
     rows
-        Rows that are matched at a time.
+        Rows to match at a time.
     threads
         Threads.
     itemsize
-        Bytes of a pixel of one image, all channels together, as the reader returns it.
+        Bytes per pixel of one image, all channels together, as the reader returns it.
 
     Returns
     -------
     int
-        An upper bound: of what is searched in, which does not depend on `rows`, and of images,
-        codes and maps of a band and its halo, which do.
+        An upper bound: for the buffers of the search, which do not depend on `rows`, and for
+        images, codes and maps of a band and its halo, which do.
     """
     return _core.working_memory(statistics, rows, threads, itemsize)
 
 
 class Checked:
-    """A reader whose rows are checked, and in the form that the core takes."""
+    """A reader that checks its rows and returns them in the core's form."""
 
     def __init__(
         self,
@@ -302,7 +301,7 @@ class Checked:
     def __call__(
         self, first: int, last: int
     ) -> tuple[tuple[Pixels, Pixels], tuple[Mask | None, Mask | None]]:
-        """Read rows, in the type of those that were read before."""
+        """Read rows, in the same type as the rows read before."""
         found = self._read(first, last)
         if not isinstance(found, (tuple, list)) or len(found) != 4:
             many = f" of {len(found)}" if isinstance(found, (tuple, list)) else ""
@@ -341,7 +340,7 @@ class Checked:
     def _without_border(
         self, border: NDArray[np.uint32] | None, first: int, last: int
     ) -> Mask | None:
-        """Return a mask of the pixels of some rows that are inside the border of their image."""
+        """Return a mask of the pixels in some rows that lie inside the border of their image."""
         if border is None:
             return None
         rows, cols = self.size
@@ -353,7 +352,7 @@ class Checked:
         return inside & (x >= left[first:last, None]) & (x < cols - right[first:last, None])
 
     def _without_overlays(self, first: int, last: int) -> Mask | None:
-        """Return a mask of the pixels of some rows that no overlay covers."""
+        """Return a mask of the pixels in some rows that no overlay covers."""
         if not self.overlays:
             return None
         mask = np.ones((last - first, self.size[1]), bool)
