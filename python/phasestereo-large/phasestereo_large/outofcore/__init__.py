@@ -1,7 +1,8 @@
-"""Matching pairs larger than memory: read by windows, kept block by block, resumed after a kill.
+"""Match pairs larger than memory: read windows, keep finished blocks, resume after a kill.
 
-`run` holds the order of things, `request` what is asked for, `plan` how much fits into memory,
-`work` the bands, `store` what is finished, and `sinks` the files that come out.
+`run` sets the order of steps, `request` holds the request, `plan` computes how much fits into
+memory, `work` matches the bands, `store` keeps the finished ones, and `sinks` writes the output
+files.
 """
 
 from __future__ import annotations

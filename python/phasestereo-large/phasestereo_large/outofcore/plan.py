@@ -21,7 +21,7 @@ BAND_ROWS = _core.BAND_ROWS
 """Bands have multiples of this number of rows by default."""
 
 LARGEST = 32 * BAND_ROWS
-"""Rows of the largest band: beyond, less of halos is saved than is lost when a run is killed."""
+"""Rows of the largest band: more rows save less on halos than a killed run loses."""
 
 _LEAST_CACHE = 16 * 2**20
 
@@ -65,7 +65,7 @@ class Plan:
 
 
 def resident() -> int:
-    """Return the process's memory in bytes; where that is unknown, its peak."""
+    """Return the process's memory in bytes, or its peak if that is unknown."""
     try:
         pages = int(Path("/proc/self/statm").read_bytes().split()[1])
     except OSError:
@@ -74,7 +74,7 @@ def resident() -> int:
 
 
 def peak() -> int | None:
-    """Return the peak memory of the process, bytes; None: the system does not report it."""
+    """Return the peak memory of the process, bytes, or None if the system does not report it."""
     if find_spec("resource") is None:
         return None
     import resource  # noqa: PLC0415  # not on Windows
@@ -84,14 +84,14 @@ def peak() -> int | None:
 
 
 def cache(pair: RasterPair) -> int:
-    """Return the bytes that GDAL needs to keep to decode no block of a file twice."""
+    """Return the bytes that GDAL must keep to decode every block of a file only once."""
     return max(_LEAST_CACHE, 2 * sum(raster.block[1] for raster in pair.rasters))
 
 
 def fit(
     statistics: PairStatistics, pair: RasterPair, limit: int, *, threads: int, rows: int | None
 ) -> tuple[int, int, int]:
-    """Return the largest rows of a band and threads within the limit, and the memory they take.
+    """Return the most rows of a band and threads within the limit, and the memory they take.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ def fit(
     pair
         The pair.
     limit
-        Bytes that the process may have.
+        Bytes that the process may take.
     threads
         Largest number of threads.
     rows
@@ -134,7 +134,7 @@ def fit(
 
 
 def _largest(low: int, high: int, fits: Callable[[int], bool]) -> int:
-    """Return the largest multiple of `BAND_ROWS` that fits, from low, which fits, to high."""
+    """Return the largest multiple of `BAND_ROWS` that fits, between low, which fits, and high."""
     # Bisection: more rows take more memory.
     while low < high:
         middle = low + -(-(high - low) // (2 * BAND_ROWS)) * BAND_ROWS

@@ -1,4 +1,4 @@
-"""The request for a run: checked before any reading, and compared with earlier runs."""
+"""The request for a run, which checks itself and compares itself with earlier runs."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Request:
     outputs
         Files by the layer to write to them.
     settings, min_disparity, num_disparities, known, bands
-        As `phasestereo_large.outofcore.match` has it.
+        As in `phasestereo_large.outofcore.match`.
     """
 
     sources: tuple[StrPath, StrPath, StrPath | None, StrPath | None]
@@ -40,7 +40,7 @@ class Request:
     bands: Sequence[int] | None
 
     def __post_init__(self) -> None:
-        """Check the values that nothing else checks."""
+        """Check the values that no other code checks."""
         for name in ("min_disparity", "num_disparities"):
             as_integer(name, getattr(self, name))
 
@@ -50,7 +50,7 @@ class Request:
             )
 
     def identity(self) -> dict[str, Any]:
-        """Return all of it in JSON form: two runs with the same form have the same result."""
+        """Return the request in JSON form: two runs with the same form have the same result."""
         names = "left", "right", "left_mask", "right_mask"
         files = zip(names, self.sources, strict=True)
 
@@ -69,7 +69,7 @@ class Request:
 def as_outputs(
     paths: dict[str, StrPath | None], sources: Sequence[StrPath | None]
 ) -> dict[str, Path]:
-    """Return the requested outputs by layer, if all are writable."""
+    """Return the requested outputs by layer; refuse unknown formats and files already in use."""
     taken = {os.path.realpath(path) for path in sources if path is not None}
     outputs = {layer: Path(path) for layer, path in paths.items() if path is not None}
 

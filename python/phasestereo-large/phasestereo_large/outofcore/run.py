@@ -1,4 +1,4 @@
-"""A pair larger than memory, from two files to another: in what order, and what comes out."""
+"""Match a pair larger than memory from two files to another: the steps, and their result."""
 
 from __future__ import annotations
 
@@ -56,48 +56,48 @@ def match(
     stage: Callable[[str], object] | None = None,
     **overrides: Unpack[SettingsOverrides],
 ) -> MapReport:
-    """Match a rectified stereo pair that need not fit into memory, from file to file.
+    """Match a rectified stereo pair from file to file, even if it does not fit into memory.
 
     The result equals that of `phasestereo.match` with ``scales=False`` for the whole pair, to the
-    bit. The pair is matched in separate bands. Finished bands are kept in a folder next to the
-    output (``out.tif.part``); after an interruption, the same call matches the others. The folder
-    is removed at the end.
+    bit. The run matches the pair in separate bands, and keeps finished bands in a folder next to
+    the output (``out.tif.part``); after an interruption, the same call matches the others. The run
+    removes the folder at the end.
 
     Parameters
     ----------
     left, right
-        Files that are read by windows: TIFF (GeoTIFF, COG, BigTIFF), Zarr arrays, ``.npy``, see
+        Files to read by windows: TIFF (GeoTIFF, COG, BigTIFF), Zarr arrays, ``.npy``, see
         `phasestereo_large.windows.open_raster`. Pixels without data are masked.
     output
         File for the disparities: ``.tif`` (which keeps the georeference of the left image),
-        ``.npy`` or ``.zarr``; float32, NaN where there is no estimate.
+        ``.npy`` or ``.zarr``; float32, NaN without an estimate.
     num_disparities, min_disparity, preset, settings, threads, known, **overrides
-        As `phasestereo.match` takes them, of `known` the noise alone.
+        As in `phasestereo.match`; only the noise of `known` counts.
     max_memory
-        Memory that the process may have resident, all in all: bytes, or in words: "2GB", "800MiB".
+        Total resident memory that the process may take: bytes, or in words: "2GB", "800MiB".
     left_mask, right_mask
-        Files of the images' size, read like them, not 0 where pixels are valid.
+        Files as large as the images, in one of their formats, not 0 at valid pixels.
     bands
         The number of one band of TIFF files, or three for red, green and blue.
     flags_output, confidence_output, uncertainty_output
-        Files for the flags (uint16), the confidences and the error bars (float32), of the same
+        Files for the flags (uint16), the confidences and the error bars (float32), in the same
         formats.
     band_rows
-        Rows of a band; None: the most that the memory allows, up to 2048. Rows around a band are
-        matched with it (`phasestereo_large.halo`), so low bands take longer.
+        Rows of a band; None: the most that the memory allows, up to 2048. A band's match includes
+        rows around it (`phasestereo_large.halo`), so small bands take longer in total.
     restart
-        Whether to drop the bands that an earlier run finished. Otherwise this run continues it, if
+        Whether to drop the finished bands of an earlier run. Otherwise this run continues it, if
         inputs, settings and version are the same; memory, threads and rows may differ.
     announce
-        Called with the `Plan` before the first band, and again after it, with the time that it
-        took taken into account.
+        Called with the `Plan` before the first band, and again after it, with an estimate that
+        includes the time it took.
     progress
-        Called as ``progress(rows_done, rows)`` every now and then and after each band; what it
-        raises ends the run.
+        Called as ``progress(rows_done, rows)`` every now and then and after each band; its
+        exceptions end the run.
     stage
-        Called with what begins, in words, where it is not the matching of bands: the statistics of
-        the whole pair, the putting together of the outputs, and what an earlier run had finished
-        but is missing or damaged, so that it is matched again.
+        Called with a description of each stage other than matching bands: the statistics of the
+        whole pair, the assembly of the outputs, and finished work of an earlier run that is missing
+        or damaged, so that this run does it again.
 
     Returns
     -------
@@ -107,16 +107,16 @@ def match(
     Raises
     ------
     TypeError, ValueError
-        As `phasestereo.match`; for a format that is not read or written by windows; if `max_memory`
-        is too little, with the amount that would do; if an earlier run of other inputs or settings
-        left finished bands, and `restart` is False.
+        As in `phasestereo.match`; for a format without reading or writing by windows; if
+        `max_memory` is too little (the message names a sufficient amount); if an earlier run with
+        other inputs or settings left finished bands, and `restart` is False.
     OSError
-        If a part of a file cannot be read, an output cannot be written (finished bands are kept),
-        or another run with this output is at work.
+        If a part of a file cannot be read, an output cannot be written (finished bands stay), or
+        another run with this output is at work.
     ImportError
-        If filelock is not installed, or rasterio or zarr where they are needed.
+        If filelock is not installed, or if rasterio or zarr is needed and not installed.
     KeyboardInterrupt
-        After Ctrl-C; finished bands are kept.
+        After Ctrl-C; finished bands stay.
 
     Examples
     --------
@@ -141,7 +141,7 @@ def match(
         bands=bands,
     )
 
-    # A matcher refuses wrong settings and threads before any file is opened.
+    # A matcher refuses wrong settings and threads before this opens any file.
     count = Matcher(settings=request.settings, threads=threads).threads
     begin = stage or (lambda _: None)
     with _prepared(request, limit, count, begin, restart=restart) as (
@@ -153,7 +153,7 @@ def match(
         work = Work(pair, statistics, store, tuple(request.outputs), announce, progress)
         plan = work.match_bands(work.planned(limit, count, band_rows))
 
-        # All outputs are written and read back before the first one gets its name.
+        # Write all outputs and read them back before the first one gets its name.
         begin("putting the output together")
         for sink in sinks:
             sink.write(partial(work.windows, sink.layer))
@@ -169,7 +169,7 @@ def match(
 def _prepared(
     request: Request, limit: int, threads: int, begin: Callable[[str], object], *, restart: bool
 ) -> Iterator[tuple[RasterPair, PairStatistics, Store, list[Sink]]]:
-    """Open the pair and what is finished of it, try the outputs, and make the statistics."""
+    """Open the pair and its finished bands, try the outputs, and make the statistics."""
     left, right, left_mask, right_mask = request.sources
     with ExitStack() as stack:
         pair = stack.enter_context(
@@ -189,7 +189,7 @@ def _prepared(
         for reason in store.again:
             begin(reason)
 
-        # An output that cannot be written is refused before hours of matching.
+        # Refuse an output that cannot be written before hours of matching, not after.
         sinks = _sinks(request, pair)
         for sink in sinks:
             sink.rehearse()
@@ -214,7 +214,7 @@ def _gathered(
 
 
 def _sinks(request: Request, pair: RasterPair) -> list[Sink]:
-    # Runs may share some outputs; the first output has the lock, so its name sets drafts apart.
+    # Runs may share some outputs; the first output has the lock, so its name makes drafts unique.
     first = os.path.realpath(request.outputs["disparity"])
     run = hashlib.sha256(os.fsencode(first)).hexdigest()[:8]
 
@@ -231,7 +231,7 @@ def _sinks(request: Request, pair: RasterPair) -> list[Sink]:
 
 
 def _limit_gdal(stack: ExitStack, pair: RasterPair, outputs: Mapping[str, Path]) -> None:
-    """Limit the cache of GDAL to the blocks that it needs: by default it is a share of memory."""
+    """Limit GDAL's cache to the blocks that it needs: by default it is a share of memory."""
     writes = any(suffix(path) in (".tif", ".tiff") for path in outputs.values())
     if writes or any(raster.by_gdal for raster in pair.rasters):
         rasterio = require("rasterio", extra="geo")

@@ -1,4 +1,4 @@
-"""The output files: written by windows as drafts, read back, and only then renamed.
+"""Write output files by windows as drafts, read them back, and only then rename them.
 
 GDAL does not report every error when it closes a file, so the run compares the written values with
 the intended ones.
@@ -73,7 +73,7 @@ class Sink:
 
     @property
     def target(self) -> Path:
-        """The file itself, where the path is a symbolic link."""
+        """The file itself, even if the path is a symbolic link."""
         return place_of(self.path)
 
     @property
@@ -144,7 +144,7 @@ class Sink:
 
 
 def place_of(path: Path) -> Path:
-    """Return the path of an output: a symbolic link stays, and its target is replaced.
+    """Return the path of an output; for a symbolic link, its target, which the run replaces.
 
     Raises
     ------
@@ -161,7 +161,7 @@ def _is_zarr(path: Path) -> bool:
 
 
 def check_suffix(path: Path, name: str) -> None:
-    """Refuse a format that cannot be written by windows."""
+    """Refuse a format that does not allow writing by windows."""
     if suffix(path) not in _WRITERS:
         raise ValueError(f"{name}: got {path}; accepts {', '.join(_WRITERS)}")
 

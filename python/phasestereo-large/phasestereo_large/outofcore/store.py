@@ -57,12 +57,12 @@ class Store:
     def __init__(self, folder: Path, identity: Mapping[str, Any]) -> None:
         self.folder = folder
         self.again: list[str] = []
-        """What is to be done again, and why, in words."""
+        """The work to do again, and why, in words."""
         self._key = _key(identity)
-        self._files: dict[str, Path] = {}  # whole files by name, without digest and suffix
+        self._files: dict[str, Path] = {}  # intact files by name, without digest and suffix
 
     def recorded_identity(self) -> dict[str, Any] | None:
-        """Return the request of this folder's run; None: no run, {}: damaged."""
+        """Return the request of this folder's run; None without a run, {} if it is damaged."""
         path = self.folder / _RUN
         if not path.exists():
             return None
@@ -76,7 +76,7 @@ class Store:
         return {}
 
     def check(self) -> None:
-        """Find the whole files, and those to do again."""
+        """Find the intact files, and the work to do again."""
         self._files.clear()
         self.again.clear()
 
@@ -95,7 +95,7 @@ class Store:
                 )
 
     def drop_damaged(self) -> None:
-        """Remove the files that are not whole."""
+        """Remove the damaged files."""
         for path in self.folder.iterdir():
             kept = _KEPT.fullmatch(path.name) and path not in self._files.values()
             if kept or path.match(DRAFTS):
@@ -107,7 +107,7 @@ class Store:
         return next(self._blocks(), None) is not None
 
     def bands(self) -> list[Rows]:
-        """Return first and last row (exclusive) of the finished bands, from above.
+        """Return the first and last row (exclusive) of the finished bands, from above.
 
         If two overlap, as after a partial restore, one counts.
         """
@@ -148,7 +148,7 @@ class Store:
         shutil.rmtree(self.folder, ignore_errors=True)
 
     def _blocks(self) -> Iterator[Rows]:
-        """Yield the rows of each whole block."""
+        """Yield the rows of each intact block."""
         for name in self._files:
             if kept := _BLOCK.fullmatch(name):
                 yield int(kept[1]), int(kept[2])
@@ -247,7 +247,7 @@ def _prepare(store: Store, identity: dict[str, Any], *, restart: bool) -> None:
 
     if earlier in (identity, {}) and not restart:
         store.check()
-        if earlier or store.has_blocks or not blocks:  # a run whose blocks are ours is ours
+        if earlier or store.has_blocks or not blocks:  # if its blocks are ours, the run is ours
             store.drop_damaged()
             if not earlier:
                 _begin(store, identity)
@@ -321,7 +321,7 @@ def _alone(folder: Path) -> Iterator[None]:
     finally:
         # The run is over, or never began.
         if is_ours and folder.is_dir() and not (folder / _RUN).exists():
-            with suppress(OSError):  # other files stay, and so does a lock that others hold
+            with suppress(OSError):  # other files stay, and so does a lock that another run holds
                 (folder / _LOCK).unlink(missing_ok=True)
                 folder.rmdir()
 
@@ -330,7 +330,7 @@ def _write(file: BinaryIO, arrays: Arrays) -> None:
     named: dict[str, Any] = dict(arrays)
     try:
         np.savez(file, **named)
-    except ValueError as error:  # zipfile, which cannot close an archive that is cut short
+    except ValueError as error:  # from zipfile, which cannot close a truncated archive
         raise (error.__context__ or error) from None
 
 
