@@ -1,4 +1,4 @@
-"""Matches of Dask arrays: lazy bands of rows, one task each, on any of Dask's schedulers.
+"""Match Dask arrays lazily: bands of rows, one task each, on any of Dask's schedulers.
 
 Together, the bands equal the result of `phasestereo.match` with ``scales=False`` for the whole
 pair, bit for bit. Dask (extra ``dask``) is imported on first use.
@@ -29,9 +29,9 @@ Array: TypeAlias = Any  # dask.array.Array, whose package has no types
 __all__ = ["Maps", "maps", "match"]
 
 _BAND_ROWS = 512
-"""Rows of a band: enough that starting a task is nothing beside it."""
+"""Rows of a band: enough that the start of a task hardly counts."""
 _HALOS = 4
-"""Least ratio of a band's rows to those of its halo, which are matched twice."""
+"""Smallest ratio of a band's rows to those of its halo, which are matched twice."""
 
 
 class Maps(NamedTuple):
@@ -40,13 +40,13 @@ class Maps(NamedTuple):
     Attributes
     ----------
     disparity
-        Dask array, float32 (H, W), as `phasestereo.Result.disparity`.
+        Dask array, float32 (H, W), like `phasestereo.Result.disparity`.
     flags
         Dask array, uint16 (H, W), bits of `phasestereo.Flag`.
     confidence
         Dask array, float32 (H, W); None if the settings have ``confidence=False``.
     uncertainty
-        Dask array, float32 (H, W), pixels, as `phasestereo.Result.uncertainty`; or None.
+        Dask array, float32 (H, W), pixels, like `phasestereo.Result.uncertainty`; or None.
     """
 
     disparity: Array
@@ -61,13 +61,13 @@ def match(left: Array, right: Array, **arguments: Any) -> Array:
     Parameters
     ----------
     left, right, **arguments
-        As `maps` takes them.
+        As in `maps`.
 
     Returns
     -------
     dask.array.Array
-        The disparities, float32 (H, W), pixels; NaN where there is no estimate. Its chunks are
-        bands of rows.
+        The disparities, float32 (H, W), pixels; NaN without an estimate. Its chunks are bands of
+        rows.
 
     Raises
     ------
@@ -99,37 +99,38 @@ def maps(
     band_rows: int | None = None,
     **overrides: Unpack[SettingsOverrides],
 ) -> Maps:
-    """Match a rectified stereo pair lazily; the result has bands of rows as its chunks.
+    """Match a rectified stereo pair lazily; the chunks of the result are bands of rows.
 
-    Each band is one task. It gets its own rows and those above and below that its disparities
-    depend on, however the images are chunked; nothing holds a whole image. Together, the bands
-    equal the result of `phasestereo.match` with ``scales=False``, bit for bit.
+    Each band is one task. For any chunks of the images, it gets its own rows and the rows above and
+    below that its disparities depend on; nothing holds a whole image. Together, the bands equal the
+    result of `phasestereo.match` with ``scales=False``, bit for bit.
 
-    What must be known of the whole pair (its blur and noise, the range of float images) is found
-    out **at the call**, window by window, unless it is in ``statistics``: then every pixel is
-    computed up to four times now and once by the tasks. With ``preset="fast"`` and integer images
-    those of the left one are once more; all rows are twice, for black borders and overlays.
+    Matching needs facts about the whole pair (its blur and noise, the range of float images). The
+    function finds them **at the call**, window by window, unless ``statistics`` has them: it then
+    computes every pixel up to four times now, and the tasks compute it once. With ``preset="fast"``
+    and integer images it computes those of the left one once more; it computes all rows twice, for
+    black borders and overlays.
 
     Parameters
     ----------
     left, right
-        Dask arrays as `phasestereo.match` takes images: (H, W) or (H, W, 1, 3 or 4) of equal size
-        and dtype, of any chunks; those of some hundred whole rows cost least.
+        Dask arrays of the shapes that `phasestereo.match` takes: (H, W) or (H, W, 1, 3 or 4), with
+        equal size and dtype, with any chunks; chunks of a few hundred whole rows cost least.
     num_disparities, min_disparity, preset, settings, known, **overrides
-        As `phasestereo.match` takes them, `known` without ``before``.
+        As in `phasestereo.match`, `known` without ``before``.
     threads
-        Threads of each task. 1, since Dask runs as many tasks at once as it has threads.
+        Threads per task. Default 1, since Dask runs one task on each of its threads.
     left_mask, right_mask
         Dask arrays, or arrays, bool (H, W), True = valid.
     statistics
         The result of `pair_statistics` for this pair, with these settings.
     band_rows
-        Rows of a band; it is made at least as high as its halo. None: 512, or four halos.
+        Rows of a band, which is always at least as high as its halo. None: 512, or four halos.
 
     Returns
     -------
     Maps
-        Disparities, flags, confidences and error bars. Computed together
+        Disparities, flags, confidences and error bars. If you compute them together
         (``dask.compute(*found)``), each band is matched once.
 
     Raises
@@ -176,7 +177,7 @@ def maps(
 
 
 class _Sides(NamedTuple):
-    """Both images and both masks: lazy ones, or the rows of them that a task gets."""
+    """Both images and both masks: lazy ones, or the rows that a task gets."""
 
     left: Any
     right: Any
@@ -185,25 +186,25 @@ class _Sides(NamedTuple):
 
 
 class _LazyRows:
-    """Rows of a lazy pair, computed when they are asked for."""
+    """Rows of a lazy pair, computed on request."""
 
     def __init__(self, sides: _Sides) -> None:
         self._sides = sides
 
     def __call__(self, first: int, last: int, /) -> Any:
-        """Return the rows [first, last) of the images and masks."""
+        """Compute and return the rows [first, last) of the images and masks."""
         rows = [None if side is None else side[first:last] for side in self._sides]
         return require("dask", extra="dask").compute(*rows)
 
 
 class _Excerpt:
-    """Rows of a pair that a task was given."""
+    """The rows of a pair that a task received."""
 
     def __init__(self, sides: _Sides, start: int) -> None:
         self._sides, self._start = sides, start
 
     def __call__(self, first: int, last: int, /) -> Any:
-        """Return the rows [first, last) of the images and masks, views of what there is."""
+        """Return views of the rows [first, last) of the images and masks."""
         rows = slice(first - self._start, last - self._start)
         if rows.start < 0 or rows.stop > len(self._sides.left):
             raise IndexError(f"rows {first} to {last} of an excerpt that begins at {self._start}")
@@ -226,7 +227,7 @@ def _check_images(left: Array, right: Array, da: Any) -> None:
     if sizes[0] != sizes[1]:
         raise ValueError(f"right: got {sizes[1]} pixels; accepts the size of left, {sizes[0]}")
 
-    # One row of each is refused for whatever else is wrong.
+    # Matching one row of each raises all other errors in the arguments.
     rows = [np.zeros((min(1, len(side)), *side.shape[1:]), side.dtype) for side in (left, right)]
     as_pair(*rows)
 
@@ -269,11 +270,11 @@ def _check_statistics(
 
 
 def _check_settings(statistics: PairStatistics, asked: Settings, types: tuple[str, str]) -> None:
-    """Refuse statistics by which bands would be matched otherwise than they are asked for."""
+    """Refuse statistics whose settings differ from the requested ones."""
     if statistics.dtype not in types:
         raise TypeError(f"statistics: got that of {statistics.dtype}; accepts that of {types[0]}")
 
-    if statistics.is_compensated:  # then what was asked for has been changed by what was found
+    if statistics.is_compensated:  # then the blur found changed these of the requested settings
         sides = "neighborhood", "window"
         asked = replace(asked, **{name: getattr(statistics.settings, name) for name in sides})
 
@@ -295,7 +296,7 @@ def _halo(statistics: PairStatistics, *, masked: bool) -> int:
 
 
 def _bands(height: int, band_rows: int | None, halo: int) -> tuple[int, ...]:
-    """Return the rows of each band, none of which is less than what its neighbors need of it."""
+    """Return the rows of each band: no fewer than its neighbors need from it."""
     step = _core.BAND_ROWS
     wanted = band_rows or step * -(-max(_BAND_ROWS, _HALOS * halo) // step)
     rows = min(max(wanted, halo), height)
@@ -305,7 +306,7 @@ def _bands(height: int, band_rows: int | None, halo: int) -> tuple[int, ...]:
         return (rows,) * count
     if rest >= halo:
         return (rows,) * count + (rest,)
-    return (rows,) * (count - 1) + (rows + rest,)  # a neighbor needs more rows than the rest has
+    return (rows,) * (count - 1) + (rows + rest,)  # the rest has fewer rows than its neighbor needs
 
 
 def _table(
@@ -315,10 +316,10 @@ def _table(
     halo: int,
     threads: int,
 ) -> Array:
-    """Return an array (H, W) of records of all that is known of a pixel, one task a band."""
+    """Return an array (H, W) of records, which hold all maps of a pixel, one task per band."""
     da = require("dask.array", extra="dask")
     delayed = require("dask", extra="dask").delayed
-    # The first and the last row of each band travel with its pixels, as a block of their own.
+    # Send the first and the last row of each band with its pixels, as a separate block.
     ends = np.cumsum(bands)
     rows = da.from_array(np.column_stack([ends - bands, ends]), chunks=(1, 2))
     arguments: list[Any] = [rows, "yb"]
@@ -334,7 +335,7 @@ def _table(
         _match_band,
         "yx",
         *arguments,
-        statistics=delayed(statistics, pure=True),  # sent to a worker once
+        statistics=delayed(statistics, pure=True),  # sent to each worker only once
         threads=threads,
         halo=halo,
         adjust_chunks={"y": bands},
@@ -342,12 +343,12 @@ def _table(
         concatenate=True,
         dtype=dtype,
         meta=np.empty((0, 0), dtype),
-        token="phasestereo-band",  # noqa: S106 -- a name of tasks
+        token="phasestereo-band",  # noqa: S106 -- a name for tasks
     )
 
 
 def _with_halo(side: Array, bands: tuple[int, ...], halo: int) -> Array:
-    """Return an array whose chunks are bands of whole rows and what is above and below them."""
+    """Return an array whose chunks are bands of whole rows with the halo above and below them."""
     banded = side.rechunk({0: bands, **dict.fromkeys(range(1, side.ndim), -1)})
     if len(bands) == 1:
         return banded
@@ -366,7 +367,7 @@ def _match_band(
     threads: int,
     halo: int,
 ) -> NDArray[np.void]:
-    """Match one band; this is what a task does."""
+    """Match one band: the work of a task."""
     first, last = rows[0].tolist()
     read = _Excerpt(_Sides(*sides), max(0, first - halo))
     result = match_rows(read, statistics, first, last, threads=threads)

@@ -1,8 +1,8 @@
-"""The matching cost ``phase`` for CNES Pandora, which finds it by an entry point.
+"""The matching cost ``phase`` for CNES Pandora, which finds it through an entry point.
 
-Pandora writes x_right = x_left + d, this library x_right = x_left - d: the sign is turned here and
-nowhere else. What surrounds the costs (borders, masks, shifted images) is as Pandora has it, so
-that the later steps of its pipelines, and the tiles of CARS, can rely on it.
+Pandora writes x_right = x_left + d, this library x_right = x_left - d: only this module changes the
+sign. It treats borders, masks and shifted images exactly as Pandora does, so that the later steps
+of its pipelines, and the tiles of CARS, can rely on them.
 """
 
 from __future__ import annotations
@@ -37,18 +37,18 @@ Volume = NDArray[np.float32]
 METHOD = "phase"
 """Value of ``matching_cost_method``."""
 
-_BLOCK = 16  # disparities compared at a time, so that little is needed beside Pandora's own volume
+_BLOCK = 16  # disparities compared at a time: needs little memory beside Pandora's own volume
 
 
 class _View(NamedTuple):
-    """One band of an image, gaps filled, and where it had none."""
+    """One band of an image with its gaps filled, and its valid pixels."""
 
     pixels: Plane
     valid: NDArray[np.bool_]
 
 
 class _Terms(NamedTuple):
-    """The settings and the compensation by which images are compared."""
+    """The settings and the blur compensation for comparing images."""
 
     settings: Settings
     compensation: BlurCompensation | None
@@ -61,29 +61,29 @@ class PhaseCost(AbstractMatchingCost):
     Parameters
     ----------
     **cfg
-        The step as Pandora's configuration has it. Beside ``matching_cost_method``, ``subpix``,
-        ``band``, ``step`` and ``spline_order``, which mean what they always do:
+        The step in Pandora's configuration. In addition to ``matching_cost_method``, ``subpix``,
+        ``band``, ``step`` and ``spline_order``, which have their usual meaning:
 
-        - ``window_size``: side of the square over which costs are averaged, odd, 1 to 63.
+        - ``window_size``: side of the square that averages costs, odd, 1 to 63.
           Default 5.
         - ``neighborhood``, ``taper``, ``frequencies``, ``power``, ``bits``, ``noise_threshold``: as
-          `phasestereo.Settings` has them; the noise that ``noise_threshold`` needs is estimated.
-          Defaults 3, "uniform", [1, 1], 1, 2 and 0.5, as the preset ``robust`` has them.
-        - ``compensate_blur``: whether the relative blur of the images is estimated and evened out
-          before they are compared. Default true.
+        in `phasestereo.Settings`; the step estimates the noise that ``noise_threshold`` needs.
+        Defaults 3, "uniform", [1, 1], 1, 2 and 0.5, as in the preset ``robust``. -
+        ``compensate_blur``: whether to estimate the relative blur of the images and even it out
+        before comparing them. Default true.
 
     Raises
     ------
     TypeError, ValueError
         If a parameter of this library has the wrong type or value.
     json_checker.core.exceptions.CheckerError
-        If one of Pandora's has, or there is no such parameter.
+        If one of Pandora's has, or a parameter is unknown.
 
     Notes
     -----
-    A cost rests on ``neighborhood + window_size - 1`` pixels across, with ``compensate_blur`` on 4
-    more. That is the window that the rest of Pandora sees: half of it is the border without costs,
-    the halo of pixels without data, and the margin that a tile needs.
+    A cost depends on ``neighborhood + window_size - 1`` pixels across, with ``compensate_blur`` on
+    4 more. The rest of Pandora sees this window: half of it is the border without costs, the halo
+    of pixels without data, and the margin that a tile needs.
     """
 
     OWN: ClassVar[dict[str, Any]] = {
@@ -95,7 +95,7 @@ class PhaseCost(AbstractMatchingCost):
         "noise_threshold": 0.5,
         "compensate_blur": True,
     }
-    """The parameters that Pandora does not know, and their defaults."""
+    """The parameters that are not Pandora's, and their defaults."""
 
     def __init__(self, **cfg: Any) -> None:
         self.instantiate_class(**cfg)
@@ -104,11 +104,11 @@ class PhaseCost(AbstractMatchingCost):
         self._border = (self._window_size - 1) // 2
 
     def check_conf(self, **cfg: Any) -> dict[str, Any]:
-        """Return the step with its defaults, once every parameter is found right."""
+        """Check every parameter; return the step with its defaults."""
         checked: dict[str, Any] = {**self.OWN, **super().check_conf(**cfg)}
         _settings(checked)
 
-        # A copy: all methods share the schema, and would demand these parameters, too.
+        # A copy: all methods share the schema, and would also demand these parameters.
         schema: dict[str, Any] = {
             **self.schema,
             **dict.fromkeys(self.OWN, object),
@@ -134,7 +134,7 @@ class PhaseCost(AbstractMatchingCost):
         Returns
         -------
         Dataset
-            The same volume: bits, NaN where the window of either pixel leaves its image.
+            The same volume: bits, NaN if the window of either pixel leaves its image.
         """
         self.check_band_input_mc(img_left, img_right)
         left, right = _view(img_left, self._band), _view(img_right, self._band)
@@ -143,7 +143,7 @@ class PhaseCost(AbstractMatchingCost):
         terms = _evened_out(left, right, disparities, self._settings)
         costs = np.full((*left.pixels.shape, disparities.size), np.nan, dtype=np.float32)
 
-        # Disparities come in steps of 1 / n column: of n shifted images each gives every n-th.
+        # Disparities have steps of 1 / n column: each of n shifted images gives every n-th one.
         shifted = self._shifted(right)
         for part, pixels in enumerate(shifted):
             first = int(np.floor(disparities[0]))
@@ -156,21 +156,21 @@ class PhaseCost(AbstractMatchingCost):
         return cost_volume
 
     def _shifted(self, right: _View) -> list[Plane]:
-        """Return the right image, then as Pandora interpolates it at 1/n, 2/n ... of a column."""
+        """Return the right image, then Pandora's interpolations at 1/n, 2/n ... of a column."""
         rows, cols = right.pixels.shape
         coords = {"row": np.arange(rows), "col": np.arange(cols)}
         image = Dataset({"im": DataArray(right.pixels, coords, ("row", "col"))})
         found = shift_right_img(image, int(self._subpix or 1), order=int(self._spline_order or 1))
 
-        # Between columns there is one less; what stands for it lies outside, and has no cost.
+        # There is one column less between columns; its stand-in lies outside, and has no cost.
         between = [np.pad(each["im"].data, ((0, 0), (0, 1)), mode="edge") for each in found[1:]]
         return [right.pixels, *between]
 
 
 def _settings(cfg: dict[str, Any]) -> Settings:
-    """Return the settings that a step asks for, which check themselves."""
+    """Return the settings that a step requests; they check themselves."""
     own = {name: cfg[name] for name in PhaseCost.OWN}
-    if isinstance(own["frequencies"], list):  # as JSON has it
+    if isinstance(own["frequencies"], list):  # JSON has no tuples
         own["frequencies"] = tuple(own["frequencies"])
     return replace(Settings.preset("paper"), **own, window=cfg["window_size"], shiftable=False)
 
@@ -182,14 +182,14 @@ def _support(settings: Settings) -> int:
 
 
 def _most_bits(settings: Settings) -> int:
-    """Return the length of a code, of which no two differ by more."""
+    """Return the length of a code: two codes cannot differ by more."""
     r, s = settings.frequencies
     bits = (r * (2 * s + 1) + s) << (settings.bits - 1)
     return 2 * bits if settings.noise_threshold > 0 else bits
 
 
 def _view(image: Dataset, band: str | None) -> _View:
-    """Return the band to match, pixels without data replaced by the nearest ones that have some."""
+    """Return the band to match; the nearest pixels with data replace those without."""
     pixels = image["im"].data
     if band is not None:
         pixels = pixels[list(image["band_im"].data).index(band)]
@@ -210,7 +210,7 @@ def _view(image: Dataset, band: str | None) -> _View:
 def _evened_out(
     left: _View, right: _View, disparities: NDArray[np.float64], settings: Settings
 ) -> _Terms:
-    """Return the comparison of the images, with their blur and noise estimated if necessary."""
+    """Return the terms for comparing the images; estimate their blur and noise if necessary."""
     if not (settings.compensate_blur or settings.noise_threshold > 0):
         return _Terms(settings, None)
 
@@ -230,7 +230,7 @@ def _fill(costs: Volume, pair: tuple[Plane, Plane], first: int, terms: _Terms) -
     """Write the costs at whole disparities, in Pandora's sign, from the first one on."""
     width = pair[0].shape[1]
     settings, compensation = terms
-    end = min(costs.shape[2], width - first)  # beyond, nothing lies inside the right image
+    end = min(costs.shape[2], width - first)  # beyond this, no pixel lies inside the right image
     block = min(_BLOCK, width)
 
     for start in range(max(0, 1 - width - first), end, block):

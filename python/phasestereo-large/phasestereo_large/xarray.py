@@ -1,7 +1,7 @@
-"""Matches of labeled arrays: xarray in, xarray out, with the coordinates of the left image.
+"""Match xarray's labeled arrays; the result has the coordinates of the left image.
 
-Dimensions go by name, whatever their order. xarray (extra ``geo`` or ``dask``) is imported when it
-is first needed.
+Dimensions count by name, in any order. This module imports xarray (extra ``geo`` or ``dask``) on
+first use.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ if TYPE_CHECKING:
 __all__ = ["as_dataset", "match"]
 
 ROWS = ("y", "row", "lat", "latitude")
-"""Names that the dimension of the rows may have."""
+"""Possible names for the dimension of the rows."""
 
 COLUMNS = ("x", "col", "lon", "longitude")
-"""Names that the dimension of the columns may have."""
+"""Possible names for the dimension of the columns."""
 
 _NO_DATA = ("_FillValue", "missing_value", "nodata")
 _PACKED = {"scale_factor", "add_offset"}
-_SAME = 1e-3  # of a row: coordinates are computed, and rounded
+_SAME = 1e-3  # of a row: computed coordinates have rounding errors
 
 
 def match(
@@ -56,25 +56,26 @@ def match(
     left, right
         Images with a dimension of rows (named "y", "row", "lat" or "latitude"), one of columns
         ("x", "col", "lon", "longitude") and, if any, one of 1, 3 (RGB) or 4 (RGBA) bands, under any
-        other name; in any order. Integers and floats of any size; what is neither uint8, uint16
-        nor float32 is matched as float32. Chunked arrays are computed. Where an image has a "no
-        data" value (``_FillValue``, ``missing_value`` or ``nodata``, among its attributes or
-        in its encoding, unless that has a scale or an offset, too: then it is that of the packed
-        numbers, which xarray has unpacked), pixels that have it in all bands are masked, as is NaN.
+        other name; in any order. Integers and floats of any size; types other than uint8, uint16
+        and float32 are matched as float32. Chunked arrays are computed. If an image has a "no data"
+        value (``_FillValue``, ``missing_value`` or ``nodata``, among its attributes or in its
+        encoding), pixels that have it in all bands are masked, as is NaN. A value in an encoding
+        with a scale or an offset does not count: it belongs to the packed numbers, which xarray
+        already unpacked.
     num_disparities, min_disparity
-        The disparities to search, in pixels, as `phasestereo.match` takes them; without them, what
-        it finds.
+        The disparities to search, in pixels, as in `phasestereo.match`; without them, the range
+        that it finds.
     left_mask, right_mask
-        bool, True = valid: a labeled array with the rows and columns of its image, in any order,
-        or a plain one (H, W). They mask more than "no data" does, never less.
+        bool, True = valid: a labeled array with the rows and columns of its image, in any order, or
+        a plain one (H, W). They can only add to the pixels that "no data" masks.
     **options
         Further arguments of `phasestereo.match`.
 
     Returns
     -------
     Dataset
-        As `as_dataset` makes it, with the coordinates of the left image that belong to its rows
-        and columns or to none (such as ``spatial_ref``).
+        The result of `as_dataset`, with the coordinates of the left image that belong to its rows
+        and columns or to no dimension (such as ``spatial_ref``).
 
     Raises
     ------
@@ -116,14 +117,14 @@ def match(
 
 
 def as_dataset(result: Result, *, like: DataArray | None = None) -> Dataset:
-    """Label the result of a match by the conventions for climate and forecast metadata (CF).
+    """Label the result of a match with the conventions for climate and forecast metadata (CF).
 
     Parameters
     ----------
     result
         The result.
     like
-        The left image, whose dimensions, and coordinates along them, the result takes; None:
+        The left image, which gives the result its dimensions and coordinates along them; None:
         dimensions "y" and "x", without coordinates.
 
     Returns
@@ -131,16 +132,15 @@ def as_dataset(result: Result, *, like: DataArray | None = None) -> Dataset:
     Dataset
         ``disparity``: float32, pixels, NaN = no estimate; ``flags``: uint16, with the meaning of
         every bit in ``flag_masks`` and ``flag_meanings``; ``confidence``, if there is any: float32
-        in [0, 1]; ``uncertainty``: float32, pixels, NaN = no estimate. Attributes give
-        the version, the settings (as JSON) and the blur found. Everything can be written to netCDF
-        and Zarr.
+        in [0, 1]; ``uncertainty``: float32, pixels, NaN = no estimate. Attributes give the version,
+        the settings (as JSON) and the blur found. You can write everything to netCDF and Zarr.
 
     Raises
     ------
     TypeError
         If the result is not a `Result`, or `like` is not a DataArray.
     ValueError
-        If its dimensions are unclear, or its size is not that of the result.
+        If its dimensions are unclear, or its size differs from the result's.
     ImportError
         If xarray is not installed.
     """
@@ -159,7 +159,7 @@ def as_dataset(result: Result, *, like: DataArray | None = None) -> Dataset:
             )
         coords = {name: each for name, each in view.coords.items() if set(each.dims) <= set(dims)}
 
-    # CF: the variable that holds the reference system is named by each layer.
+    # CF: each layer names the variable that holds the reference system.
     placed = {"grid_mapping": "spatial_ref"} if "spatial_ref" in coords else {}
     variables = {
         name: (dims, values, _attributes(name) | placed) for name, values in result.maps.items()
@@ -196,7 +196,7 @@ def _attributes(name: str) -> dict[str, Any]:
 
 
 def _ordered(image: DataArray, name: str, xarray: Any) -> DataArray:
-    """Return a view of an image with its rows first, its columns second, its bands last."""
+    """Return a view of an image with rows first, columns second, bands last."""
     if not isinstance(image, xarray.DataArray):
         raise TypeError(f"{name}: got {type(image).__name__}; accepts an xarray.DataArray")
 
@@ -213,7 +213,7 @@ def _ordered(image: DataArray, name: str, xarray: Any) -> DataArray:
 
 
 def _check_rows(left: DataArray, right: DataArray) -> None:
-    """Refuse images whose coordinates say that their rows do not correspond."""
+    """Refuse images whose coordinates show that their rows do not correspond."""
     sizes = left.shape[:2], right.shape[:2]
     if sizes[0] != sizes[1]:
         raise ValueError(f"right: got {sizes[1]} pixels; accepts the size of left, {sizes[0]}")
@@ -222,7 +222,7 @@ def _check_rows(left: DataArray, right: DataArray) -> None:
     if dims[0] not in left.coords or dims[1] not in right.coords or not sizes[0][0]:
         return
 
-    # Coordinates may differ by rounding, which is far less than the distance of rows.
+    # Coordinates may differ by rounding, which is far less than the distance between rows.
     rows = [np.asarray(image.coords[dim]) for image, dim in zip((left, right), dims, strict=True)]
     step = abs(rows[0][-1] - rows[0][0]) / max(1, len(rows[0]) - 1)
     apart = np.abs(rows[0] - rows[1]).max()
@@ -235,7 +235,7 @@ def _check_rows(left: DataArray, right: DataArray) -> None:
 
 
 def _computed(views: Iterable[DataArray]) -> list[NDArray[Any]]:
-    """Return the pixels of images; chunked ones are computed together."""
+    """Return the pixels of images; compute chunked ones together."""
     views = list(views)
     if any(view.chunks for view in views):
         views = list(require("dask", extra="dask").compute(*views))
@@ -250,14 +250,14 @@ def _as_image(pixels: NDArray[Any], mask: Mask | None, name: str) -> Pixels:
 
 
 def _valid(view: DataArray, pixels: NDArray[Any]) -> Mask | None:
-    """Return the mask of pixels with data; None: all."""
+    """Return the mask of pixels with data, or None if all have data."""
     layers = np.atleast_3d(pixels)
     missing = np.zeros(layers.shape[:2], dtype=np.bool_)
 
     if layers.dtype.kind == "f":
         missing |= np.isnan(layers).any(axis=2)
 
-    # Packed pixels are described by their encoding as they were: "no data" has become NaN.
+    # The encoding describes packed pixels before unpacking: "no data" is now NaN.
     is_packed = not _PACKED.isdisjoint(view.encoding)
     for attributes in (view.attrs, {} if is_packed else view.encoding):
         for value in (attributes.get(name) for name in _NO_DATA):
