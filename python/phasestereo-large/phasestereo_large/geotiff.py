@@ -1,6 +1,6 @@
-"""GeoTIFF through rasterio: images with their georeferences and masks.
+"""Read and write GeoTIFF with rasterio: images with their georeferences and masks.
 
-Georeferences are read and written unchanged: nothing is reprojected or resampled here.
+This module does not change georeferences, and never reprojects or resamples an image.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ from phasestereo.io.files import StrPath, decoding
 from phasestereo.io.pixels import Pixels, as_samples, channels, look_up
 from phasestereo.io.tiff_layout import TIFF_MAGICS, Directory, check_whole, read_layout
 
-# What is wrong with a file is raised; without a handler, log lines would reach the terminal, too.
+# We raise the errors of a file; without a handler, log lines would also reach the terminal.
 logging.getLogger("rasterio").addHandler(logging.NullHandler())
 
-_IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)  # what GDAL has where there is no transform
-_SAME = 1e-3  # relative difference of pixel sizes that rounding may make
+_IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)  # GDAL's value if there is no transform
+_SAME = 1e-3  # relative difference of pixel sizes that rounding may cause
 _DTYPES = ("uint8", "uint16", "float32")
 TILE = 256
 """Side of the tiles of a written file, in pixels."""
 
-_PREDICTORS = {"u": 2, "f": 1}  # none for floats: tifffile alone, as in read_image, has none
+_PREDICTORS = {"u": 2, "f": 1}  # none for floats: tifffile alone, as in read_image, cannot read one
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,8 +44,8 @@ class Georeference:
     Parameters
     ----------
     crs
-        Coordinate reference system: an ``rasterio.crs.CRS``, or what it is made from, such as
-        "EPSG:32631"; None: unknown, as of most epipolar images.
+        Coordinate reference system: a ``rasterio.crs.CRS``, or a value that makes one, such as
+        "EPSG:32631"; None: unknown, as for most epipolar images.
     transform
         Coordinates of pixels, ``affine.Affine`` or its first six coefficients (a, b, c, d, e, f):
         x = a col + b row + c, y = d col + e row + f at the upper left corner of a pixel; None:
@@ -81,9 +81,9 @@ class GeoImage:
     Parameters
     ----------
     image
-        uint8, uint16 or float32, (H, W) or (H, W, 3), as `phasestereo.match` takes it.
+        uint8, uint16 or float32, (H, W) or (H, W, 3), for `phasestereo.match`.
     mask
-        bool (H, W), True = valid; None: all are.
+        bool (H, W), True = valid; None: all are valid.
     georeference
         Its georeference.
     tags
@@ -102,40 +102,41 @@ def read_geotiff(path: StrPath, *, bands: Sequence[int] | None = None) -> GeoIma
     Parameters
     ----------
     path
-        A GeoTIFF file; GDAL's files next to it (``.tfw``, ``.RPB``, ``.msk`` ...) count, too.
+        A GeoTIFF file; GDAL's files next to it (``.tfw``, ``.RPB``, ``.msk`` ...) also count.
     bands
-        The number of one band, or of three that are taken for red, green and blue, counted from 1.
-        None: the only one, or those that the file calls red, green and blue; alpha goes into the
-        mask.
+        The number of one band, or the numbers of three bands to use as red, green and blue, counted
+        from 1. None: the only band, or those that the file calls red, green and blue; alpha goes
+        into the mask.
 
     Returns
     -------
     GeoImage
-        Samples as they are stored: uint8, uint16, float32; those of other real types as float32
-        (int16 is exact in it). Masked are pixels of the file's "no data" value (of color images
-        those that have it in all bands), those that its mask or alpha leaves out, and NaN.
+        Samples as the file stores them: uint8, uint16, float32; other real types become float32
+        (which holds int16 exactly). The mask leaves out pixels with the file's "no data" value (in
+        color images those that have it in all bands), those that its mask or alpha leaves out, and
+        NaN.
 
     Raises
     ------
     OSError
         If the file cannot be read.
     TypeError
-        If the bands are no integers.
+        If the bands are not integers.
     ValueError
-        If it is damaged or no GeoTIFF; if it has no such bands, or more than can be meant; if its
-        samples are complex or, where they are not masked, integers beyond 2**24; if it has more
-        pixels than `max_pixels` says (200 million), or is so short that it cannot hold them.
+        If it is damaged or not a GeoTIFF; if it does not have these bands, or has too many to
+        choose from; if its samples are complex or, where not masked, integers beyond 2**24; if it
+        has more pixels than `max_pixels` allows (200 million), or is too short to hold them.
     ImportError
         If rasterio is not installed.
 
     Notes
     -----
-    Scale and offset of a band are not applied: matching does not depend on them.
+    The function does not apply the scale and offset of a band: matching does not depend on them.
     """
     chosen = None if bands is None else as_bands(bands)
     rasterio = require("rasterio", extra="geo")
     with decoding(path) as content, unplaced_allowed():
-        # GDAL allocates the size that a file claims: that is checked first.
+        # GDAL allocates the size that a file claims, so check that first.
         for directory in check_tiff(path, content):
             if directory.has_pixels:
                 check_whole(content, directory)
@@ -160,7 +161,7 @@ def read_geotiff_pair(
     Raises
     ------
     OSError, TypeError, ValueError, ImportError
-        As `read_geotiff`; ValueError also if the images differ in size, or, where both have them,
+        As in `read_geotiff`; ValueError also if the images differ in size, or, if both have them,
         in their reference systems or pixel sizes.
     """
     pair = read_geotiff(left, bands=bands), read_geotiff(right, bands=bands)
@@ -176,8 +177,8 @@ def check_pair(
     Raises
     ------
     ValueError
-        If the images differ in size, or, where both have them, in their reference systems or pixel
-        sizes (by more than 0.1 %). Where they lie does not matter.
+        If the images differ in size, or, if both have them, in their reference systems or pixel
+        sizes (by more than 0.1 %). Their positions do not matter.
     """
     check_agreement(
         (left.image.shape[:2], right.image.shape[:2]),
@@ -191,7 +192,7 @@ def check_agreement(
     places: tuple[Georeference, Georeference],
     names: tuple[str, str],
 ) -> None:
-    """Refuse images of these sizes and places as `check_pair` does."""
+    """Refuse images with these sizes and places, as `check_pair` does."""
     if sizes[0] != sizes[1]:
         raise ValueError(f"{names[1]}: got {sizes[1]} pixels; accepts the size of left, {sizes[0]}")
 
@@ -216,28 +217,29 @@ def write_geotiff(
     like: Georeference | GeoImage | None = None,
     tags: Mapping[str, str] | None = None,
 ) -> None:
-    """Write an image, or several bands, with a georeference: tiled, compressed without loss.
+    """Write an image, or several bands, with a georeference: tiled, with lossless compression.
 
     Parameters
     ----------
     path
-        The file; an existing one is replaced, and only once the new one is complete.
+        The file; a complete new one replaces an existing one.
     image
-        uint8, uint16, float32 or float64 (rounded to float32): (H, W), (H, W, 3) RGB, (H, W, 4)
-        RGB with alpha; or bands (H, W) by their names, all of the type that holds them all
-        (disparity and flags: float32, exactly). In floats NaN is "no data", and the file says so.
+        uint8, uint16, float32 or float64 (rounded to float32): (H, W), (H, W, 3) RGB, (H, W, 4) RGB
+        with alpha; or bands (H, W) under their names, written in the one type that holds them all
+        (disparity and flags: float32, exactly). In floats NaN is "no data", and the file declares
+        it.
     like
         The georeference, or an image that has it; None: no georeference.
     tags
-        Metadata by name; ``AREA_OR_POINT`` is that of `like`.
+        Metadata by name; ``AREA_OR_POINT`` comes from `like`.
 
     Raises
     ------
     TypeError
         If an array has another type, or `like` is something else.
     ValueError
-        If a shape is not as above, shapes differ, a number is beyond float32, or the reference
-        system or the transform means nothing to rasterio.
+        If a shape is not one of the above, shapes differ, a number is beyond float32, or rasterio
+        does not understand the reference system or the transform.
     OSError
         If the file cannot be written.
     ImportError
@@ -254,7 +256,7 @@ def write_geotiff(
         with draft.open(
             count=count, height=height, width=width, **storage(planes.dtype), **options
         ) as dataset:
-            dataset.update_tags(**{**(tags or {}), **point_tag(place)})  # tags of a file have it
+            dataset.update_tags(**{**(tags or {}), **point_tag(place)})  # tags of a file include it
             dataset.write(planes)
             for number, name in enumerate(names, start=1):
                 dataset.set_band_description(number, name)
@@ -264,7 +266,7 @@ def write_geotiff(
 def check_tiff(path: StrPath, content: BinaryIO) -> list[Directory]:
     """Return the directories of a TIFF file; refuse those whose layout would mislead GDAL.
 
-    The mask that GDAL finds beside the file counts, too.
+    This also checks the mask that GDAL finds beside the file.
     """
     if not content.read(4).startswith(TIFF_MAGICS):
         raise ValueError("not a TIFF file")
@@ -284,10 +286,10 @@ def check_tiff(path: StrPath, content: BinaryIO) -> list[Directory]:
 
 @contextmanager
 def unplaced_allowed() -> Iterator[None]:
-    """Ignore what rasterio warns of images without a georeference, which are no mistake here.
+    """Ignore rasterio's warnings about images without a georeference, which are valid here.
 
-    Nor is alpha beside a "no data" value: both count. And where GDAL quotes a damaged file in other
-    letters than UTF-8, rasterio fails to log that, and says so: what is wrong is raised anyway.
+    Alpha beside a "no data" value is valid, too: both count. And if GDAL quotes a damaged file in
+    bytes that are not UTF-8, rasterio fails to log that and warns: we raise the error anyway.
     """
     errors = require("rasterio.errors", extra="geo")
     with warnings.catch_warnings(), _unlogged():
@@ -298,7 +300,7 @@ def unplaced_allowed() -> Iterator[None]:
 
 @contextmanager
 def _unlogged() -> Iterator[None]:
-    """Ignore what rasterio says of lines that it cannot log."""
+    """Ignore rasterio's messages about lines that it cannot log."""
     before = sys.unraisablehook, sys.excepthook
 
     def on_unraisable(found: Any) -> None:
@@ -317,7 +319,7 @@ def _unlogged() -> Iterator[None]:
 
 
 def as_bands(bands: Sequence[int]) -> list[int]:
-    """Return the numbers of one or three bands, or refuse what are none."""
+    """Return the numbers of one or three bands; refuse anything else."""
     is_list = not isinstance(bands, str) and hasattr(bands, "__len__")
     if not (is_list and all(isinstance(band, int | np.integer) for band in bands)):
         raise TypeError(f"bands: got {bands!r}; accepts the numbers of one or three bands")
@@ -327,7 +329,7 @@ def as_bands(bands: Sequence[int]) -> list[int]:
 
 
 def choose_bands(file: Any, chosen: list[int] | None) -> list[int]:
-    """Return the bands to read: the chosen ones, or those that the colors of the file name."""
+    """Return the bands to read: the chosen ones, or the ones that the file's colors name."""
     if chosen is not None:
         if not set(chosen) <= set(file.indexes):
             raise ValueError(f"bands: got {chosen}; accepts 1 to {file.count}")
@@ -353,9 +355,9 @@ def read_valid(file: Any, indexes: list[int], samples: NDArray[Any], *, window: 
     file
         The open file.
     indexes, samples
-        The bands of the image, and what was read of them.
+        The bands of the image, and the samples read from them.
     window
-        The part of the file that was read, as rasterio takes it; None: all.
+        The part of the file that was read, in rasterio's form; None: all.
     """
     valid: Mask = (file.read_masks(indexes, window=window) != 0).any(axis=0)
     for band, kind in zip(file.indexes, file.colorinterp, strict=True):
@@ -368,7 +370,7 @@ def read_valid(file: Any, indexes: list[int], samples: NDArray[Any], *, window: 
 
 
 def as_image(file: Any, indexes: list[int], samples: NDArray[Any], valid: Mask) -> Pixels:
-    """Return bands as gray levels or RGB; a palette is looked up."""
+    """Return bands as gray levels or RGB; look up the colors of a palette."""
     if len(indexes) == 3:
         return as_samples(np.ascontiguousarray(np.moveaxis(samples, 0, 2)), valid)
 
@@ -404,7 +406,7 @@ def _layers(
     if isinstance(image, Mapping):
         names = list(image)
         planes = _stacked({name: _native(band) for name, band in image.items()})
-        options["photometric"] = "minisblack"  # else GDAL takes bytes for colors, a 4th for alpha
+        options["photometric"] = "minisblack"  # else GDAL takes bytes as colors, and a 4th as alpha
     else:
         names, whole = [], _native(image)
         if not channels(whole.shape):
@@ -451,7 +453,7 @@ def _stacked(bands: dict[str, NDArray[Any]]) -> NDArray[Any]:
 
 
 def storage(dtype: np.dtype[Any]) -> dict[str, Any]:
-    """Return rasterio's options of storage: in tiles, compressed without loss."""
+    """Return rasterio's options for storage: tiles, lossless compression."""
     return {
         "driver": "GTiff",
         "dtype": dtype.name,
@@ -465,7 +467,7 @@ def storage(dtype: np.dtype[Any]) -> dict[str, Any]:
 
 
 def point_tag(place: Georeference) -> dict[str, str]:
-    """Return the tag that says whether a sample stands for a point or for an area."""
+    """Return the tag for whether a sample stands for a point or for an area."""
     return {"AREA_OR_POINT": "Point" if place.point else "Area"}
 
 

@@ -1,7 +1,7 @@
-"""Read rasters by windows, for images larger than memory: TIFF, Zarr, ``.npy``.
+"""Read images larger than memory by windows: TIFF, Zarr, ``.npy``.
 
-A window has the same values as the whole file there. This module maps nothing into memory, which
-would count as resident: only the returned arrays hold the data.
+A window has the same values as the whole file there. This module does not map files into memory,
+which would count as resident: only the returned arrays hold the data.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ Window = tuple[slice, slice]
 Piece = Callable[[Window], tuple[Pixels, Mask | None]]
 
 MAX_BYTES = 2**30
-"""Memory that the blocks across an image may take by default."""
+"""Default limit on the memory for the blocks across an image."""
 
 _LEAST = 64  # rows to read at once: fewer would be slow
 _NPY_MAGIC = b"\x93NUMPY"
@@ -67,7 +67,7 @@ class Raster:
     georeference
         Its georeferencing.
     block
-        Rows of a block of the file, which is always read as a whole, and the bytes of a row of such
+        Rows of a block of the file, which is always read as a whole, and the bytes in a row of
         blocks.
     piece
         Reads a window: pixels, and a mask (True = valid) or None.
@@ -93,7 +93,7 @@ class Raster:
         -------
         tuple
             Pixels, (rows, columns) or (rows, columns, 3 or 4), and the mask, bool (rows, columns),
-            True = valid; None: all are.
+            True = valid; None: all are valid.
 
         Raises
         ------
@@ -132,7 +132,7 @@ class RasterPair:
     left, right
         The images.
     left_mask, right_mask
-        Images, non-zero where pixels are valid; None: all are.
+        Images, non-zero at valid pixels; None: all are valid.
     """
 
     left: Raster
@@ -147,7 +147,7 @@ class RasterPair:
 
     @property
     def itemsize(self) -> int:
-        """Bytes of one pixel, of the image with more of them."""
+        """Bytes per pixel, in the image with more of them."""
         return max(self.left.itemsize, self.right.itemsize)
 
     @property
@@ -159,7 +159,7 @@ class RasterPair:
     def reader(
         self, columns: tuple[int, int] | None = None
     ) -> Callable[[int, int], tuple[Pixels, Pixels, Mask | None, Mask | None]]:
-        """Return the reader of rows [first, last) of both images, in given columns or all.
+        """Return a reader for rows [first, last) of both images, in the given columns or all.
 
         It returns the left and the right image and their masks, as `Raster.read` does.
         """
@@ -192,10 +192,10 @@ def open_raster(
     Yields
     ------
     Raster
-        Samples and masks are those of `read_geotiff`. In Zarr arrays and ``.npy``, NaN is "no
-        data"; in Zarr arrays also values equal to their attribute ``_FillValue``, ``missing_value``
-        or ``nodata`` (for colors, in all bands). A missing chunk of a Zarr array has its fill
-        value, as in Zarr.
+        Samples and masks are as in `read_geotiff`. In Zarr arrays and ``.npy``, NaN is "no data";
+        in Zarr arrays also values equal to their attribute ``_FillValue``, ``missing_value`` or
+        ``nodata`` (for colors, in all bands). A missing chunk of a Zarr array has its fill value,
+        as in Zarr.
 
     Raises
     ------
@@ -240,9 +240,9 @@ def open_pair(
     Raises
     ------
     OSError, TypeError, ValueError, ImportError
-        As `open_raster`; TypeError also if the images differ in type, ValueError if they differ in
-        size, or, where both have them, in reference systems or pixel sizes, or a mask differs in
-        size or has no integers.
+        As in `open_raster`; TypeError also if the images differ in type, ValueError if they differ
+        in size, or, if both have them, in reference systems or pixel sizes, or a mask differs in
+        size or does not have integers.
     """
     with ExitStack() as stack:
         images = [
@@ -284,7 +284,7 @@ def _check_mask(mask: Raster | None, size: tuple[int, int]) -> None:
 def _masked(
     raster: Raster, other: Raster | None, first: int, last: int, columns: tuple[int, int] | None
 ) -> tuple[Pixels, Mask | None]:
-    """Read a part of an image, and its pixels that its file and another one mark as valid."""
+    """Read a part of an image, and the mask of pixels that its file and another mark as valid."""
     pixels, valid = raster.read(first, last, columns)
     if other is None:
         return pixels, valid
@@ -295,14 +295,14 @@ def _masked(
 
 
 def _cuts(first: int, last: int, rows: int) -> range:
-    """Return the cuts of the rows [first, last): between blocks, to read each once."""
+    """Return the cuts of the rows [first, last): between blocks, to read each block once."""
     step = rows * -(-_LEAST // rows)
     return range((first // step + 1) * step, last, step)
 
 
 @contextmanager
 def _rows_named(path: str, first: int, last: int) -> Iterator[None]:
-    """Add the rows that could not be read to any error of a decoder."""
+    """Add the numbers of the unreadable rows to any error of a decoder."""
     where = f"{path}: rows {first} to {last - 1}"
     try:
         yield
@@ -330,7 +330,7 @@ def _raster(
     block: tuple[int, int],
     georeference: Georeference | None = None,
 ) -> Raster:
-    """Describe a raster; its first pixel shows the type and the channels of all."""
+    """Describe a raster; its first pixel shows the type and the channels of all pixels."""
     if min(size) < 1:
         raise ValueError(f"{path}: got {size} pixels; accepts at least one")
 
@@ -453,7 +453,7 @@ def _open_npy(stack: ExitStack, path: str, max_bytes: int) -> Raster:
 
 
 def _plain(samples: NDArray[Any], missing: list[Any]) -> tuple[Pixels, Mask | None]:
-    """Return samples in the form of an image, and a mask of those that count."""
+    """Return samples in the form of an image, and a mask of the valid ones."""
     if samples.dtype == np.bool_:
         samples = samples.astype(np.uint8)
 

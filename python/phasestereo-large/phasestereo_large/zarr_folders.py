@@ -1,7 +1,7 @@
-"""Arrays in untrusted Zarr folders: this module checks files before Zarr reads them.
+"""Open arrays in untrusted Zarr folders: check files before Zarr reads them.
 
-It reads metadata up to a bound; they name the codec that unpacks the chunks. Chunks must be in
-regular files, alone or in shards, and must declare no more bytes than their pixels take.
+This module reads metadata up to a bound; they name the codec that unpacks the chunks. Chunks must
+be in regular files, alone or in shards, and must not declare more bytes than their pixels take.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _SAME_SIZE = {
     "bytes", "endian", "transpose", "crc32c", "shuffle", "delta", "fixedscaleoffset", "astype",
     "bitround", "quantize", "sharding_indexed",
 }  # fmt: skip
-"""Steps whose result is as long as what they take, or a few times so."""
+"""Steps whose output is as long as their input, or a few times as long."""
 
 _TIMES, _MORE = 8, 4096
 """A chunk may unpack to this many times the bytes of its pixels, plus this many."""
@@ -36,17 +36,17 @@ def open_array(path: str, max_bytes: int) -> Any:
     Raises
     ------
     OSError
-        If metadata is in no regular file.
+        If metadata is not in a regular file.
     ValueError
-        Or any error of Zarr, if it holds no array; if its chunks are packed in ways that are not
-        bounded.
+        Or any error of Zarr, if it does not hold an array; if the packing of its chunks has no
+        bound.
     ImportError
         If Zarr is not installed.
     """
     zarr = require("zarr", extra="large")
     packer = _packer(Path(path))
 
-    # Zarr, the library of this class, is imported only when needed: its types are unknown.
+    # This imports Zarr, the library of this class, only when needed: its types are unknown.
     class Bounded(zarr.storage.LocalStore):  # type: ignore[misc, name-defined]
         async def get(self, key: str, prototype: Any = None, byte_range: Any = None) -> Any:
             most = SMALL if key.rpartition("/")[2] in _METADATA else max_bytes
@@ -55,18 +55,18 @@ def open_array(path: str, max_bytes: int) -> Any:
 
     array = zarr.open_array(Bounded(path, read_only=True), mode="r")
     if packer is not None:
-        # The public name of this is newer than the oldest supported version of Zarr.
+        # The oldest supported version of Zarr does not have the public name of this.
         for codec in array._async_array.codec_pipeline:
             _bound(codec, packer, _TIMES * array.dtype.itemsize)
     return array
 
 
 def _bound(codec: Any, packer: str, times: int) -> None:
-    """Have codecs check the bytes a pixel of each chunk first, also within shards."""
+    """Have codecs first check the bytes per pixel of each chunk, also within shards."""
     for inner in getattr(codec, "codecs", ()):
         _bound(inner, packer, times)
 
-    # Zarr's second version has one step, which does all of them.
+    # Zarr's second version has a single step that does all of them.
     if not hasattr(codec, "compressor") and not codec.to_dict()["name"].endswith(packer):
         return
     decode = codec.decode
@@ -74,16 +74,16 @@ def _bound(codec: Any, packer: str, times: int) -> None:
     async def looked_at(chunks_and_specs: Iterable[tuple[Any, Any]]) -> Any:
         chunks = [*chunks_and_specs]
         for chunk, spec in chunks:
-            if chunk is not None:  # of fill values
+            if chunk is not None:  # None has only fill values
                 most = times * math.prod(spec.shape) + _MORE
                 _check_claim(chunk.as_buffer_like(), packer, most)
         return await decode(chunks)
 
-    object.__setattr__(codec, "decode", looked_at)  # of this array alone: a frozen dataclass
+    object.__setattr__(codec, "decode", looked_at)  # for this array alone: a frozen dataclass
 
 
 def _packer(folder: Path) -> str | None:
-    """Return the name of the codec for whole chunks, if the metadata name it."""
+    """Return the name of the codec for whole chunks, if the metadata give it."""
     for name in ("zarr.json", ".zarray"):
         if (folder / name).exists():
             with open_regular(folder / name) as file:
@@ -99,7 +99,7 @@ def _packer(folder: Path) -> str | None:
 
 
 def _steps(metadata: Any) -> Iterator[str]:
-    """Yield the steps for chunks by name, in the second or the third version of Zarr."""
+    """Yield the names of the steps for chunks, in the second or the third version of Zarr."""
     told = [metadata.get("compressor"), *(metadata.get("filters") or ())]
     for step in [*told, *(metadata.get("codecs") or ())]:
         if step is not None:
@@ -108,13 +108,13 @@ def _steps(metadata: Any) -> Iterator[str]:
 
 
 def _check_file(path: Path, most: int) -> None:
-    """Refuse anything but a regular file, or a long one; a missing chunk holds fill values."""
+    """Refuse a long file or one that is not regular; a missing chunk holds fill values."""
     try:
         status = path.stat()
     except OSError:
         return
     refuse_special(path, status.st_mode)
-    if stat.S_ISDIR(status.st_mode):  # Zarr takes a folder for a chunk of fill values
+    if stat.S_ISDIR(status.st_mode):  # Zarr treats a folder as a chunk of fill values
         raise ValueError(f"{path}: a folder where a file should be")
     if status.st_size > most:
         raise ValueError(f"{path}: has {status.st_size} bytes; at most {most} are read")
@@ -131,7 +131,7 @@ def _check_claim(chunk: Any, packer: str, most: int) -> None:
 
 
 def _of_zstd(chunk: bytes, most: int) -> int:
-    """Return the size that a frame states; a frame that states none counts as too large."""
+    """Return the size that a frame states; a frame without a size counts as too large."""
     head = chunk[4]
     size = (1 if head & 32 else 0, 2, 4, 8)[head >> 6]
     if not size:
@@ -142,7 +142,7 @@ def _of_zstd(chunk: bytes, most: int) -> int:
 
 
 def _of_deflate(chunk: bytes, most: int) -> int:
-    """Return the unpacked bytes, up to the bound; of one member, as Zarr writes it."""
+    """Return the unpacked bytes of one member, as Zarr writes it, up to the bound."""
     unpacker = zlib.decompressobj(wbits=47)  # with any header
     unpacked = len(unpacker.decompress(chunk, most + 1))
     return most + 1 if unpacker.unused_data else unpacked
@@ -155,4 +155,4 @@ _CLAIMS: dict[str, Callable[[bytes, int], int]] = {
     "gzip": _of_deflate,
     "zlib": _of_deflate,
 }
-"""The bytes that a chunk unpacks to, as its header states them."""
+"""Functions that return the unpacked bytes of a chunk, as its header states them."""
