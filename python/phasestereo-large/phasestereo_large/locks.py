@@ -1,4 +1,4 @@
-"""Folders that one run at a time works in."""
+"""Lock a folder, so that only one run at a time works in it."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from typing import Any
 
 @contextmanager
 def locked(path: Path, filelock: Any) -> Iterator[None]:
-    """Hold a lock, which the system frees when the process ends, however it does.
+    """Hold a lock; the system frees it when the process ends for any reason.
 
     Parameters
     ----------
     path
-        Its file; the folder is made if it is not there.
+        Its file; the function makes the folder if necessary.
     filelock
-        The module of this name, which the caller's extra brings.
+        The module of this name, from the caller's extra.
 
     Raises
     ------
@@ -34,13 +34,13 @@ def locked(path: Path, filelock: Any) -> Iterator[None]:
                 f"{path.parent}: another run is at work there; wait for its end"
             ) from error
         except FileNotFoundError:
-            continue  # the run before removed the folder just now
+            continue  # the earlier run removed the folder just now
 
-        # The run before may have removed the folder between the two: then the lock is of no file.
+        # The earlier run may have removed the folder in between: then no file has this lock.
         if path.exists():
             break
         lock.release()
 
     with lock:
-        lock.release()  # `with` has taken it once more
+        lock.release()  # `with` took it once more
         yield

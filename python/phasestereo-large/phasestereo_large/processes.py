@@ -1,4 +1,4 @@
-"""Processes of this machine that carry out tasks; only their parent can reach them.
+"""Run tasks in processes on this machine that only their parent can reach.
 
 Each has a pipe to this process and no port: a worker runs any task it receives, so strangers who
 could connect to it could run any code in our name. Each is a separate executor that gets its tasks
@@ -155,7 +155,7 @@ class _Process:
             self._pool.shutdown()
 
     def _start(self, task: bytes) -> None:
-        """Start a process that loads the task's code: this does not count toward its time."""
+        """Start a process that loads the task's code; this does not count toward its time."""
         self._pool = ProcessPoolExecutor(1, get_context("spawn"), _begin)
         try:
             number = self._pool.submit(_load, task).result()
@@ -181,7 +181,7 @@ class _Process:
 def _ignore_interrupts() -> None:
     """Keep Ctrl-C from processes of this thread: it is for the parent, which ends them."""
     if hasattr(signal, "pthread_sigmask"):
-        resource_tracker.ensure_running()  # starting it lets the signal through again
+        resource_tracker.ensure_running()  # its start lets the signal through again
         signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
 
 

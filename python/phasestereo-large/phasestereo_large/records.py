@@ -1,4 +1,4 @@
-"""Append-only files of records, one JSON object a line, that survive any end of a process.
+"""Append records to files, one JSON object per line, that survive any end of a process.
 
 A record is in its file when `Appender.add` returns. If the end of a process tears a line, only
 that line is lost: readers leave it out, and the next appender cuts it off.
@@ -36,7 +36,7 @@ def read_lines(path: Path) -> Iterator[tuple[int, bytes]]:
     OSError
         If the file cannot be read.
     ValueError
-        If it has a line too long, or too many.
+        If it has too long a line, or too many lines.
     """
     with decoding(path) as file:
         for number in range(1, _MOST + 1):
@@ -46,7 +46,7 @@ def read_lines(path: Path) -> Iterator[tuple[int, bytes]]:
                     f"line {number} has {_LONGEST} bytes or more: not a file of records"
                 )
             is_torn = _is_torn(line) and (number > 1 or line.startswith(b"{"))
-            if not line or is_torn:  # a first line that begins otherwise is from something else
+            if not line or is_torn:  # a first line with another beginning is from another program
                 return
             yield number, line.rstrip(b"\r\n")
     raise ValueError(f"{path}: has more than {_MOST} lines: not a file of records")
@@ -73,7 +73,7 @@ class Appender:
         last = _last_line(path)
         if _is_torn(last):
             self._file.truncate(path.stat().st_size - len(last))
-        elif last and not last.endswith(b"\n"):  # as an editor may leave it
+        elif last and not last.endswith(b"\n"):  # an editor may leave it like this
             self._file.write(b"\n")
 
     def add(self, record: Mapping[str, Any]) -> None:
@@ -85,7 +85,7 @@ class Appender:
             If the disk is full.
         """
         line = encode(record)
-        if self._file.write(line) < len(line):  # the next record would continue a torn line
+        if self._file.write(line) < len(line):  # else the next record would continue a torn line
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self._path))
 
     def close(self) -> None:
@@ -94,12 +94,12 @@ class Appender:
 
 
 def encode(record: Mapping[str, Any]) -> bytes:
-    """Return a record as a line."""
+    """Return a record as a line of JSON."""
     return json.dumps(record, allow_nan=False).encode() + b"\n"
 
 
 def decode(line: bytes) -> dict[str, Any] | None:
-    """Return the record of a line; None if it is invalid."""
+    """Return the record of a line, or None if it is invalid."""
     try:
         record = json.loads(line)
     except (ValueError, RecursionError):
@@ -114,7 +114,7 @@ def decoded(  # noqa: C901, PLR0911 -- a step for each kind of type
     arrays: Mapping[str, NDArray[Any]] = MappingProxyType({}),
     others: Mapping[Any, Mapping[str, Any]] = MappingProxyType({}),
 ) -> Any:
-    """Return a JSON value as a type: a dataclass with exactly its fields.
+    """Convert a JSON value to a type: a dataclass with exactly its fields.
 
     Parameters
     ----------
@@ -125,14 +125,14 @@ def decoded(  # noqa: C901, PLR0911 -- a step for each kind of type
     name
         Its name in messages.
     arrays
-        The arrays, by the names that replace them in the value.
+        The arrays, under the names that replace them in the value.
     others
         Types of some fields of dataclasses, in place of the declared ones.
 
     Raises
     ------
     ValueError
-        If it is not of this type; the message begins with the name.
+        If it does not have this type; the message begins with the name.
     """
     origin, members = get_origin(kind), get_args(kind)
     again = partial(decoded, arrays=arrays, others=others)

@@ -1,7 +1,7 @@
-"""What must be known of a whole pair to match parts of it, and the files that keep it.
+"""The statistics of a whole pair that matching its parts needs, and the files that keep them.
 
-A file is an ``.npz`` without pickled objects; what is not an array is in one array of JSON. Files
-may come from anywhere: all is checked.
+A file is an ``.npz`` without pickled objects; one array of JSON holds everything that is not an
+array. Files may come from anywhere, so this module checks everything in them.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ Arrays: TypeAlias = dict[str, NDArray[Any]]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PairStatistics:
-    """The statistics of a whole pair, by `pair_statistics`; they can be pickled and saved.
+    """The statistics of a whole pair, from `pair_statistics`; you can pickle and save them.
 
     Parameters
     ----------
@@ -49,41 +49,42 @@ class PairStatistics:
     min_disparity, num_disparities
         The disparities to search.
     settings
-        The settings that every part is matched with: with ``compensate_blur=True`` those that suit
-        the blur that was found.
+        The settings for matching every part; with ``compensate_blur=True``, those that suit the
+        blur found.
     blur_compensation
-        The versions in which pixels are compared, of the whole pair; it has the noise, too. None:
-        the images as they are.
+        The kernels for the images that the match compares, for the whole pair, and the noise. None:
+        unchanged images.
     blur
-        The estimates of blur and noise, if requested.
+        The estimates of blur and noise, if the settings request them.
     alignment
-        How the rows of the images correspond, if this was requested and could be estimated.
+        The alignment of the images' rows, if the settings request it and the images show it.
     search
-        The disparities to search, and whether they were given or found. None: they were given.
+        The disparities to search, and whether the caller gave them or the search found them. None:
+        the caller gave them.
     packing
-        How the pixels become gray, which depends on their values alone: the step and the bits of
-        the integers that they are, 0 bits for floats; whether the three channels of the left and
-        of the right image are equal, so that one is enough.
+        How the pixels become gray, which depends only on their values: the step and the bits of
+        integers, 0 bits for floats; whether the three channels of the left and of the right image
+        are equal, so that one is enough.
     ranges
-        Where the pixels of the left and of the right image lie: (black, white) in thousandths of
-        their unit, but for 0.1 % at either end. None: not needed, as for 8 bits.
+        The ranges of the pixels of the left and of the right image: (black, white) in thousandths
+        of their unit, without 0.1 % at either end. None: not needed, as for 8 bits.
     borders
-        The black borders of the left and of the right image, which are masked: the lengths of the
-        runs from the top and from the bottom, by column, then from the left and from the right, by
-        row, uint32. None: the images have no borders.
+        The black borders of the left and of the right image, which the match masks: the lengths of
+        the runs from the top and from the bottom, by column, then from the left and from the right,
+        by row, uint32. None: the images have no borders.
     overlays
-        Overlays of both images, such as clocks, which are masked: of each rectangle the first row
-        and that after the last one, then the same of its columns.
+        Overlays of both images, such as clocks, which the match masks: for each rectangle the first
+        row and the one after the last, then the same for its columns.
     findings
-        Findings about the pair, as from `phasestereo.check`.
+        Findings about the pair, like those of `phasestereo.check`.
     roughness
-        By how much horizontal neighbors of the left image differ: the sum, in steps of gray
-        values, and of how many pairs. None: not needed.
+        The differences between horizontal neighbors in the left image: their sum, in steps of gray
+        values, and the number of pairs. None: not needed.
     tally
-        What all confidences depend on, counted over some rows of the map: the sum of the raw
-        confidences of pixels not filled, in steps of 2^-20, and the number of these pixels; of
-        pixels that fail the left-right check or are speckles; of those at the ends of the range;
-        of all. None: not needed.
+        Counts over some rows of the map that all confidences depend on: the sum of the raw
+        confidences of pixels not filled, in steps of 2^-20, and the number of these pixels; the
+        number of pixels that fail the left-right check or are speckles; of those at the ends of the
+        range; of all. None: not needed.
     """
 
     size: tuple[int, int]
@@ -105,17 +106,17 @@ class PairStatistics:
 
     @property
     def is_inverted(self) -> bool:
-        """Whether the negative of the right image is matched."""
+        """Whether to match the negative of the right image."""
         return self.search is not None and self.search.inverted and self.settings.compensate_blur
 
     @property
     def is_compensated(self) -> bool:
-        """Whether a blur was found, and settings that suit it were taken."""
+        """Whether the estimate found a blur and adapted the settings to it."""
         found = self.blur is not None and any(blur.psf is not None for blur in self.blur.blurs)
         return found and self.settings.compensate_blur
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write it to a file, ``.npz`` without pickled objects, which `load` reads.
+        """Write the statistics to a file for `load`, an ``.npz`` without pickled objects.
 
         Raises
         ------
@@ -142,7 +143,7 @@ def load(path: str | os.PathLike[str]) -> PairStatistics:
 
 
 def as_size(size: tuple[int, int]) -> tuple[int, int]:
-    """Return numbers of rows and columns, or say by name why they are none."""
+    """Return numbers of rows and columns, or raise an error that names them."""
     if not isinstance(size, (tuple, list)) or len(size) != 2:
         raise TypeError(f"size: got {size!r}; accepts a pair (rows, columns)")
 
@@ -151,7 +152,7 @@ def as_size(size: tuple[int, int]) -> tuple[int, int]:
 
 
 def _as_arrays(statistics: PairStatistics) -> Arrays:
-    """Return arrays that `_from_arrays` makes the same statistics of."""
+    """Return arrays that `_from_arrays` turns back into the same statistics."""
     arrays: Arrays = {}
 
     def plain(value: Any) -> Any:
@@ -160,19 +161,19 @@ def _as_arrays(statistics: PairStatistics) -> Arrays:
         if isinstance(value, np.ndarray):
             arrays[name := f"array_{len(arrays)}"] = value
             return name
-        return value.item()  # a number of NumPy, which JSON refuses
+        return value.item()  # a NumPy number, which JSON refuses
 
     text = json.dumps(statistics, default=plain)
     return arrays | {"plain": np.array(text)}
 
 
 def _from_arrays(arrays: Mapping[str, NDArray[Any]]) -> PairStatistics:
-    """Return the statistics that arrays hold.
+    """Return the statistics in these arrays.
 
     Raises
     ------
     RecursionError, TypeError, ValueError
-        If they hold none.
+        If they do not hold statistics.
     """
     if "plain" not in arrays:
         raise ValueError(f"an archive of {sorted(arrays)}; accepts what a PairStatistics saves")
@@ -210,4 +211,4 @@ _Kernel: TypeAlias = NDArray[np.float32] | None
 _OTHERS: dict[Any, dict[str, Any]] = {
     BlurCompensation: {"kernels": tuple[tuple[_Kernel, _Kernel], ...]},
 }
-"""The types of fields as they are kept, where others may be given."""
+"""The stored types of fields for which callers may give other types."""
