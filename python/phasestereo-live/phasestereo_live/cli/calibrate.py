@@ -1,6 +1,6 @@
 """``phasestereo calibrate``: takes pictures of a board, writes a calibration and rates it."""
 
-# No `from __future__ import annotations`: the command line is made of these annotations.
+# No `from __future__ import annotations`: cyclopts reads these annotations at run time.
 
 import re
 from collections.abc import Iterator, Sequence

@@ -1,6 +1,6 @@
 """``phasestereo live``: makes a disparity map for each frame of videos, folders or cameras."""
 
-# No `from __future__ import annotations`: the command line is made of these annotations.
+# No `from __future__ import annotations`: cyclopts reads these annotations at run time.
 
 from contextlib import ExitStack, closing, suppress
 from dataclasses import fields, replace

@@ -1,6 +1,6 @@
 """The outputs of ``phasestereo live``: checked before a run, complete however it ends."""
 
-# No `from __future__ import annotations`: the command line is made of these annotations.
+# No `from __future__ import annotations`: cyclopts reads these annotations at run time.
 
 import os
 import secrets

@@ -1,6 +1,6 @@
 """Recordings of robots for ``phasestereo live``: the topics to read, the messages to write."""
 
-# No `from __future__ import annotations`: the command line is made of these annotations.
+# No `from __future__ import annotations`: cyclopts reads these annotations at run time.
 
 from collections.abc import Callable
 from dataclasses import dataclass

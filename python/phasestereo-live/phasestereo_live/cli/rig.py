@@ -1,6 +1,6 @@
 """``phasestereo rig test``: takes frames of two cameras and answers go or no-go."""
 
-# No `from __future__ import annotations`: the command line is made of these annotations.
+# No `from __future__ import annotations`: cyclopts reads these annotations at run time.
 
 import math
 from collections.abc import Iterator, Sequence

@@ -1,6 +1,6 @@
 """The page in the browser that ``phasestereo live`` shows while it runs."""
 
-# No `from __future__ import annotations`: the command line is made of these annotations.
+# No `from __future__ import annotations`: cyclopts reads these annotations at run time.
 
 import sys
 import webbrowser

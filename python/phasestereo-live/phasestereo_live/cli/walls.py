@@ -1,6 +1,6 @@
 """The options of ``phasestereo rig test`` for frames of a flat wall."""
 
-# No `from __future__ import annotations`: the command line is made of these annotations.
+# No `from __future__ import annotations`: cyclopts reads these annotations at run time.
 
 import re
 from collections.abc import Mapping
