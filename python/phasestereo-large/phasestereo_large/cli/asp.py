@@ -1,6 +1,6 @@
 """``phasestereo asp``: the matcher that the Ames Stereo Pipeline calls for each tile."""
 
-# No `from __future__ import annotations`: the command line is made of these annotations.
+# No `from __future__ import annotations`: cyclopts reads these annotations at run time.
 
 from dataclasses import fields
 from pathlib import Path

@@ -1,6 +1,6 @@
 """``phasestereo batch``: makes a disparity map for each pair of a list or a folder."""
 
-# No `from __future__ import annotations`: the command line is made of these annotations.
+# No `from __future__ import annotations`: cyclopts reads these annotations at run time.
 
 from dataclasses import asdict, fields
 from pathlib import Path
