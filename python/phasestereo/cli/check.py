@@ -1,4 +1,4 @@
-"""``phasestereo check``: two image files in, a diagnosis out."""
+"""``phasestereo check``: diagnoses two image files."""
 
 # No `from __future__ import annotations`: cyclopts reads these annotations at run time.
 
@@ -49,7 +49,7 @@ def check(
     right
         Right image; may differ in size and type.
     layout
-        Where one file has both views: side-by-side, or top-bottom with the left view above. An MPO
+        How one file holds both views: side-by-side, or top-bottom with the left view above. An MPO
         file has two pictures and needs no layout.
     blur_map
         PNG file for a picture of the blur: the left image in gray, tinted red where it is softer

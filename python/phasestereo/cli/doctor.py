@@ -1,4 +1,4 @@
-"""``phasestereo doctor``: what is installed, how fast it is, and whether its bits are right."""
+"""``phasestereo doctor``: reports the installed parts, their speed, and whether bits are right."""
 
 # No `from __future__ import annotations`: cyclopts reads these annotations at run time.
 
@@ -33,7 +33,7 @@ _REQUIREMENT = re.compile(
     r"(?P<name>[\w.-]+)(?:\[(?P<extras>[\w,-]+)\])?[^;]*"
     r"(?:;.*?extra == ['\"](?P<extra>[\w-]+)['\"])?"
 )
-_SIZE = 480, 640  # rows and columns of the pair whose match is timed
+_SIZE = 480, 640  # rows and columns of the pair for timing a match
 _ROUNDS = 5
 _CLONE = " (in a clone: '.[...]' ./python/phasestereo-{gpu,large,live})"
 
@@ -114,7 +114,7 @@ def _adapters() -> list[dict[str, str]] | None:
 
 
 def _device() -> str:
-    """Return the name of the adapter that ``device="auto"`` takes; "cpu": none."""
+    """Return the name of the adapter that ``device="auto"`` takes, or "cpu"."""
     device = opened("auto")
     return "cpu" if device is None else device.name
 

@@ -24,7 +24,7 @@ class CommandError(Exception):
     Parameters
     ----------
     message
-        One line: the mistake, and what is accepted instead.
+        One line: the mistake, and the accepted values.
     code
         The exit code of the process.
     """
@@ -36,7 +36,7 @@ class CommandError(Exception):
 
 @contextmanager
 def refusals(*, options: Collection[str] = ()) -> Iterator[None]:
-    """Turn errors that the library documents into a `CommandError` in this block.
+    """Turn the library's documented errors into a `CommandError` in this block.
 
     All other errors pass: they are bugs, and show their traceback.
 
@@ -83,7 +83,7 @@ def claim(
     sources: Iterable[Path | None],
     suffixes: Mapping[str, Sequence[str]] = MappingProxyType({}),
 ) -> list[Path]:
-    """Return the files to write and make their folders; refuse files that are read.
+    """Return the files to write and make their folders; refuse source files.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ def claim(
     Raises
     ------
     CommandError
-        If one is read, is given twice or has another suffix, or its folder cannot be made.
+        If one is a source, is given twice or has another suffix, or its folder cannot be made.
     """
     taken = [path for path in sources if path]
     files = [(argument, path) for argument, path in targets if path is not None]

@@ -122,7 +122,7 @@ class GeometryOptions:
     anchor: Annotated[Anchor | None, _ANCHOR] = None
 
     def check(self, *, wanted: bool) -> None:
-        """Refuse options that are incomplete, exclude each other or have no effect.
+        """Refuse options that are incomplete, conflict or have no effect.
 
         Parameters
         ----------
@@ -155,7 +155,7 @@ class GeometryOptions:
                 refuse_picture(name, path)
 
     def sources(self) -> list[Path | None]:
-        """Return the files that are read."""
+        """Return the files to read."""
         return [*self.calib, *map(Path, self.register)]
 
     def read(
@@ -171,7 +171,7 @@ class GeometryOptions:
         size
             Rows and columns.
         rectified
-            How the pair was rectified; its geometry is the default.
+            The pair's rectification; its geometry is the default.
         focal
             Focal length in pixels from the images' file.
 
@@ -254,7 +254,7 @@ class Rig:
     selection
         The pixels that become points and depths.
     yaw, anchor
-        The accuracy of the geometry, as `phasestereo.depth_interval` takes it.
+        The accuracy of the geometry, as in `phasestereo.depth_interval`.
     depth_scale
         Units of a ``.png`` of depths in a meter.
     camera
@@ -278,7 +278,7 @@ class Rig:
         CommandError
             If no disparity has a wanted depth.
         """
-        # The nearest depth that is searched must exist, and be wanted.
+        # The nearest depth in the search must exist, and be wanted.
         largest = sum(disparities) - 1
         if math.isnan(self.calibration.depth(largest)):
             raise ValueError(

@@ -1,4 +1,4 @@
-"""Help on one screen: the usual options in a sentence each; ``--help-expert`` shows everything."""
+"""Help on one screen: one sentence per usual option; ``--help-expert`` shows everything."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``phasestereo match``: two image files in, a disparity map out."""
+"""``phasestereo match``: makes a disparity map from two image files."""
 
 # No `from __future__ import annotations`: cyclopts reads these annotations at run time.
 
@@ -72,7 +72,7 @@ def match(
     """Match a rectified stereo pair.
 
     The left image is the reference: its pixel (x, y) corresponds to (x - d, y) in the right one.
-    Without an output, only the summary is printed. For example:
+    Without an output, it only prints the summary. For example:
 
     ```
     phasestereo match left.png right.png -o out.pfm
@@ -91,7 +91,7 @@ def match(
     min_disparity
         Smallest disparity to search.
     left_mask
-        Image of the left image's size, non-zero at valid pixels.
+        Image as large as the left image, non-zero at valid pixels.
     right_mask
         The same for the right image.
     bands
@@ -111,7 +111,7 @@ def match(
     timeout
         Time limit of the second matcher, in seconds.
     strict
-        Exit with 3 if the match is not to be trusted. Files are still written.
+        Exit with 3 if you should not trust the match. It still writes files.
     """
     scoring.check()
     geometry.check(wanted=outputs.use_geometry())
@@ -128,8 +128,7 @@ def match(
         images = views[0].image, views[1].image
         truth = scoring.read(images[0].shape[:2])
 
-        # Only the match shows whether it is vertical, and the page shows cameras next to each
-        # other.
+        # Only the match shows whether cameras are vertical, and the page shows them side by side.
         vertical = False if outputs.report and not pairing.vertical else pairing.vertical
         if rectified is not None:
             vertical = rectified.vertical if pairing.vertical is None else pairing.vertical
@@ -139,8 +138,7 @@ def match(
 
         num_disparities = num_disparities or (None if rig is None else rig.calibration.ndisp)
         if num_disparities is None:
-            # While the range is still to be found, files are tried with a disparity that has a
-            # depth.
+            # Before the search finds the range, try files with a disparity that has a depth.
             usual = min(images[0].shape[1] // _USUAL, _MOST_USUAL)
             disparities = min_disparity if rig is None else max(rig.farthest(), usual), 1
         else:

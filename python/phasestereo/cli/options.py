@@ -1,6 +1,6 @@
 """The fields of `Settings` as options, with the core's descriptions.
 
-Defaults are left out: the class has those of one preset, and ``--preset`` may name another.
+They show no defaults: the class has those of one preset, and ``--preset`` may name another.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ def _help(setting: _core.Setting) -> str:
 
 
 def _word(value: object) -> str:
-    """Return a value as the command line takes it."""
+    """Return a value in the command line's form."""
     if isinstance(value, tuple):
         return " ".join(map(str, value))
     return "none" if value is None else str(value)

@@ -49,11 +49,11 @@ class Outcome:
     rig
         The geometry of the pair, if it is known.
     place
-        Where on Earth the left image lies, if its file has that.
+        The position of the left image on Earth, if its file has one.
     names
         The names of the image files.
     rectified
-        How the pair was rectified, if it was.
+        The pair's rectification, if it was rectified.
     """
 
     pair: tuple[Image, Image]

@@ -1,4 +1,4 @@
-"""How to get the two views of a pair: from two files or one, rectified or not."""
+"""Get the two views of a pair: from two files or one, rectified or not."""
 
 # No `from __future__ import annotations`: cyclopts reads these annotations at run time.
 
@@ -30,11 +30,11 @@ class Pairing:
     Parameters
     ----------
     layout
-        Where one file, LEFT alone, has both views. With top-bottom the left view is above; with
-        half-, each view was squeezed to half its size; an anaglyph has the left view in red. MPO
+        How one file, LEFT alone, holds both views. With top-bottom the left view is above; with
+        half-, each view is squeezed to half its size; an anaglyph has the left view in red. MPO
         files and spatial photographs (HEIC) have two pictures and need no layout.
     rectify
-        Rectify the pair first, by a calibration, or auto: from its images. A saved rectification
+        Rectify the pair first, with a calibration, or auto: from its images. A saved rectification
         counts as a calibration. Give files of both cameras as --rectify left.yaml --rectify
         right.yaml. Needs the extra ``rectify``.
     vertical
@@ -78,7 +78,7 @@ class Pairing:
         return (View(found.left, found.left_mask), View(found.right, found.right_mask)), found
 
     def sources(self) -> list[Path]:
-        """Return the files that are read for it."""
+        """Return the files to read for it."""
         return [] if self.rectify == (AUTO,) else [Path(name) for name in self.rectify]
 
 

@@ -1,4 +1,4 @@
-"""``phasestereo prepare`` and ``restore``: a pair for another matcher, and its map back."""
+"""``phasestereo prepare`` and ``restore``: prepare a pair for another matcher, restore its map."""
 
 # No `from __future__ import annotations`: cyclopts reads these annotations at run time.
 
@@ -34,8 +34,8 @@ def prepare(
 ) -> None:
     """Prepare a pair for another matcher: rectified, rows aligned, equally sharp and bright.
 
-    Prints one line per change, and the number of disparities of the pair, from 0 on. An unchanged
-    image is written as it came. For example:
+    Prints one line per change, and the number of disparities of the pair, from 0 on. Writes an
+    unchanged image as it came. For example:
 
     ```
     phasestereo prepare left.png right.png -o l.png r.png --back back.json

@@ -1,4 +1,4 @@
-"""``phasestereo rectify``: two raw image files in, two files with corresponding rows out."""
+"""``phasestereo rectify``: turns two raw image files into two with corresponding rows."""
 
 # No `from __future__ import annotations`: cyclopts reads these annotations at run time.
 
@@ -63,7 +63,7 @@ def rectify(
         More pairs of the same cameras, left and right in turn, to improve the estimate without a
         calibration.
     layout
-        Where one file has both views: side-by-side, or top-bottom with the left view above.
+        How one file holds both views: side-by-side, or top-bottom with the left view above.
     masks
         Files for masks, left and right: 0 at pixels outside the original image.
     save

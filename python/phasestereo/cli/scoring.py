@@ -50,7 +50,7 @@ class Scoring:
                 raise wrong(field.name, f"has no effect without {option(other)}")
 
     def sources(self) -> list[Path | None]:
-        """Return the files that are read."""
+        """Return the files to read."""
         return [self.truth, self.truth_mask]
 
     def read(self, size: tuple[int, ...]) -> "Truth | None":

@@ -35,7 +35,7 @@ def show(outcome: Outcome, files: Mapping[str, str], *, as_json: bool) -> None:
 
 
 def _as_dict(outcome: Outcome, files: Mapping[str, str]) -> dict[str, Any]:
-    """Return everything as JSON can hold it; numbers that JSON does not have become None."""
+    """Return everything in JSON form; numbers that JSON does not have become None."""
     result, disparities = outcome.result, outcome.disparities
     rows, cols = result.disparity.shape
     counts = count_flags(result.flags)
@@ -124,7 +124,7 @@ def _geometry(found: Ranging) -> list[str]:
 
 
 def _kept_in_words(keep: str, share: float, wrong: float) -> str:
-    """Describe the pixels that became depths and points, and how many are probably wrong."""
+    """Describe the pixels that became depths and points, and the share that is probably wrong."""
     said = "" if math.isnan(wrong) else f"; about {wrong:.1%} of these are probably wrong"
     others = "" if keep == "all" else ", --keep all for every estimate"
     return f"depths and points: {share:.1%} of the pixels ({keep}{others}){said}"

@@ -12,7 +12,7 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 
 
 def printable(text: object) -> str:
-    """Return a text with only printable characters; others are escaped.
+    """Return a text with only printable characters; escape the others.
 
     File names may hold characters that move the cursor, hide lines or type into the terminal.
     """

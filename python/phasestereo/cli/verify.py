@@ -1,4 +1,4 @@
-"""``phasestereo verify``: two images and a disparity map in, a verdict for each pixel out."""
+"""``phasestereo verify``: judges each pixel of a disparity map by its two images."""
 
 # No `from __future__ import annotations`: cyclopts reads these annotations at run time.
 
@@ -54,10 +54,10 @@ def verify(
         The map of the left image, in pixels: .pfm, .npy, .tif, or .png in KITTI's format (16 bits,
         256 d). Non-finite values are not judged.
     picture
-        PNG file for the left image in gray: blue where the map is supported, orange where it is
-        refuted, darker where it cannot be judged.
+        PNG file for the left image in gray: blue where the images support the map, orange where
+        they refute it, darker where they cannot judge it.
     better
-        File for disparities that fit better where the map is refuted: .pfm, .npy or .tif.
+        File for disparities that fit better where the images refute the map: .pfm, .npy or .tif.
     verdict
         PNG file for the verdicts, 8 bits: 0 no disparity, 1 cannot be judged, 2 supported, 3
         refuted.
@@ -66,7 +66,7 @@ def verify(
     as_json
         Print one JSON object on standard output: shares, findings, files.
     strict
-        Exit with 3 if there is a warning; files are still written.
+        Exit with 3 if there is a warning; it still writes files.
     """
     files = {"picture": picture, "better": better, "verdict": verdict}
     claim(files.items(), [left, right, disparity], _SUFFIXES)
