@@ -1,4 +1,4 @@
-"""Two running cameras, whose geometry and blur are learned from frame to frame."""
+"""Match the frames of two cameras, and learn their geometry and blur from frame to frame."""
 
 from __future__ import annotations
 
@@ -95,9 +95,9 @@ class Rig:
     Parameters
     ----------
     num_disparities, min_disparity, preset, settings, threads, device, **overrides
-        As `Matcher` and `match` take them, for every frame.
+        As in `Matcher` and `match`, for every frame.
     anchor
-        The one thing that no pair shows: the error of all disparities, since the cameras turn about
+        The one fact that no pair shows: the error of all disparities, since the cameras turn about
         the vertical axis. ``(found, true)``: disparities found at some place, and the ones that
         belong to its distance, in pixels: ``focal * baseline / distance``, 0 at infinity; numbers,
         or arrays of one shape, such as over a plane. See `offset`. None: unknown.
@@ -157,7 +157,7 @@ class Rig:
 
     @property
     def health(self) -> float:
-        """Share of the pixels that is probably wrong, over the last frames; NaN: unknown."""
+        """Share of the pixels that are probably wrong, over the last frames; NaN: unknown."""
         return self._core.health
 
     @property
@@ -203,11 +203,11 @@ class Rig:
         Parameters
         ----------
         left, right, left_mask, right_mask, known, vertical
-            As `match` takes them; `vertical` None: as in the frames before.
+            As in `match`; `vertical` None: as in the frames before.
         temporal_filter
-            As `Matcher.match` takes it.
+            As in `Matcher.match`.
         second, timeout
-            As `match` takes them. The rig learns only from its own match.
+            As in `match`. The rig learns only from its own match.
 
         Returns
         -------
@@ -245,7 +245,7 @@ class Rig:
         return result
 
     def change(self, settings: Settings, num_disparities: int | None) -> None:
-        """Change the settings from the next frame on; the knowledge of the cameras is kept.
+        """Change the settings from the next frame on; keep the knowledge of the cameras.
 
         Parameters
         ----------
