@@ -67,10 +67,10 @@ class PhaseCost(AbstractMatchingCost):
         - ``window_size``: side of the square that averages costs, odd, 1 to 63.
           Default 5.
         - ``neighborhood``, ``taper``, ``frequencies``, ``power``, ``bits``, ``noise_threshold``: as
-        in `phasestereo.Settings`; the step estimates the noise that ``noise_threshold`` needs.
-        Defaults 3, "uniform", [1, 1], 1, 2 and 0.5, as in the preset ``robust``. -
-        ``compensate_blur``: whether to estimate the relative blur of the images and even it out
-        before comparing them. Default true.
+          in `phasestereo.Settings`; the step estimates the noise that ``noise_threshold`` needs.
+          Defaults 3, "uniform", [1, 1], 1, 2 and 0.5, as in the preset ``robust``.
+        - ``compensate_blur``: whether to estimate the relative blur of the images and even it out
+          before comparing them. Default true.
 
     Raises
     ------

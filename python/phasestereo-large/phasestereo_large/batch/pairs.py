@@ -64,12 +64,14 @@ def read_pairs(
     ----------
     source
         - A CSV file whose first line names its columns: ``left`` and ``right``, and optionally
-        ``name`` (else the name of the left file), ``num_disparities``, ``min_disparity``,
-        ``left_mask`` and ``right_mask``. Paths are relative to the folder of the list. - A folder
-        of scenes in Middlebury's layout, each a subfolder with ``im0.png`` and ``im1.png``, and
-        with ``calib.txt``, whose ``ndisp`` gives the number of disparities to search. - A folder
-        with both views in subfolders (``left`` and ``right``, or the names of KITTI and EuRoC),
-        whose images pair up by name, else in order, or in files named left... and right...
+          ``name`` (else the name of the left file), ``num_disparities``, ``min_disparity``,
+          ``left_mask`` and ``right_mask``. Paths are relative to the folder of the list.
+        - A folder of scenes in Middlebury's layout, each a subfolder with ``im0.png`` and
+          ``im1.png``, and with ``calib.txt``, whose ``ndisp`` gives the number of disparities to
+          search.
+        - A folder with both views in subfolders (``left`` and ``right``, or the names of KITTI and
+          EuRoC), whose images pair up by name, else in order, or in files named left... and
+          right...
     num_disparities, min_disparity
         The disparities to search if the list, or ``calib.txt``, does not give them; None: find them
         in the images of each pair.

@@ -141,8 +141,8 @@ def stream(
           views.
         - The number of a camera that delivers both views in each picture.
         - An iterable of pairs of images, or of their paths, as in `match`, or with ``layout``, of
-        images that hold both views. Its exceptions end the stream. - A recording of a robot, from
-        `phasestereo_live.ros.open_recording`.
+          images that hold both views. Its exceptions end the stream.
+        - A recording of a robot, from `phasestereo_live.ros.open_recording`.
 
         With ``right``, the left view.
     right
