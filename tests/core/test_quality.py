@@ -158,9 +158,7 @@ def roc_areas(data: Path, name: str) -> tuple[float, float]:
 
     assert pair.truth is not None
     assert result.confidence is not None
-    area = partial(
-        roc_area, estimate=result.disparity, truth=pair.truth, mask=pair.masks["nonocc"]
-    )
+    area = partial(roc_area, estimate=result.disparity, truth=pair.truth, mask=pair.masks["nonocc"])
     return area(result.confidence), area(margin)
 
 

@@ -152,7 +152,7 @@ def bars_of(pair: Observed, z: Numbers, weights: Weights) -> Numbers:
 
 
 def _factors() -> Numbers:
-    """Return what the weights are multiplied by: kinds, raw confidences, weights."""
+    """Return the factors of the weights, of shape (kinds, raw confidences, weights)."""
     bound = np.clip(_MIDDLES, odds(0), odds(1))
     factors = np.zeros((KINDS, bound.size, _USED.shape[1]))
     for kind in range(KINDS):
