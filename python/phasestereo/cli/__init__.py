@@ -39,10 +39,10 @@ _LIVE = "'phasestereo[live]' (in a clone: '.[live]' ./python/phasestereo-live)"
 
 OTHERS = {
     "live": (
-        "Match every frame of a video, a folder of images, or a pair of cameras.",
+        "Match every frame of a video, a folder of images, a recording, or a pair of cameras.",
         _LIVE,
     ),
-    "calibrate": ("Calibrate two cameras by pictures or a video of a board.", _LIVE),
+    "calibrate": ("Calibrate two cameras from pictures or a video of a board.", _LIVE),
     "rig": ("Test two cameras while they run.", _LIVE),
     "batch": (
         "Match many pairs, on all processors of this machine or on a Dask cluster.",
@@ -50,12 +50,12 @@ OTHERS = {
     ),
     "large": (
         "Match a pair larger than memory, from file to file.\n\n"
-        "It is read, matched and written band by band, and the same command goes on after "
-        "whatever ended it.",
+        "The command reads, matches and writes the pair band by band. After an interruption, the "
+        "same command continues.",
         "'phasestereo[large]' (in a clone: '.[large]' ./python/phasestereo-large)",
     ),
     "asp": (
-        "Match a tile of the Ames Stereo Pipeline, which calls it so.",
+        "Match a tile of the Ames Stereo Pipeline, which calls this command.",
         "'phasestereo[cli,geo]' (in a clone: '.[cli,geo]' ./python/phasestereo-large)",
     ),
     "demo": (
