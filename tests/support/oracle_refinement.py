@@ -321,13 +321,13 @@ def confidence(disparity: Map, reliable: Floats, gray: Ints, agree: float = 1.0)
 
 
 def learned(optimizer: str) -> tuple[Floats, Floats, Floats]:
-    """Return the weights of the calibration: of traits (8, 4), points (2, 10), of bars (8,)."""
+    """Return the weights of the calibration: of traits (8, 5), points (2, 10), of bars (8,)."""
     file = "rust/match/src/refinement/calibration/weights.rs"
     text = (ROOT / file).read_text()
-    several = np.array([float(one) for one in re.findall(r"-?\d+\.\d+", text)]).reshape(3, 60)
+    several = np.array([float(one) for one in re.findall(r"-?\d+\.\d+", text)]).reshape(3, 68)
     place = {"sgm": 0, "so": 1}.get(optimizer, 2)
-    odds, points, bars = np.split(several[place], [32, 52])
-    return odds.reshape(8, 4), points.reshape(2, 10), bars
+    odds, points, bars = np.split(several[place], [40, 60])
+    return odds.reshape(8, 5), points.reshape(2, 10), bars
 
 
 def calibrated(
@@ -346,8 +346,9 @@ def calibrated(
     """Return probabilities and bars from raw confidences and eight traits of the whole map.
 
     The logarithm of the odds is a line in that of the raw odds, in steps of 1/1024, another one for
-    filled pixels; that of the bar is a line through ten points above -4 to 5. Maps are sampled
-    whole up to 768 rows. `whole` are other raw confidences, to take the mean of.
+    filled pixels; it is lower for others up to 8 columns from a jump. That of the bar is a line
+    through ten points above -4 to 5. Maps are sampled whole up to 768 rows. `whole` are other raw
+    confidences, to take the mean of.
     """
     assert raw.shape[0] <= 768
     known, filled = ~np.isnan(disparity), flags & ps.Flag.FILLED != 0
@@ -372,9 +373,12 @@ def calibrated(
         ]
     )
 
-    height, slope, filled_height, filled_slope = traits @ odds
+    jumps = np.abs(np.diff(disparity, axis=1, append=np.nan)) > 1
+    beside = np.any([shifted(jumps, 0, by) == 1 for by in range(-8, 9)], axis=0) & ~filled
+
+    height, slope, outline, filled_height, filled_slope = traits @ odds
     step = log_odds((np.minimum(np.floor(raw * 1024), 1023) + 0.5) / 1024)
-    z = height + slope * step + filled * (filled_height + filled_slope * step)
+    z = height + slope * step + outline * beside + filled * (filled_height + filled_slope * step)
     line = [np.interp(z, np.arange(-4, 6), points[kind]) for kind in (0, 1)]
     bars = np.exp(np.where(filled, line[1], line[0]) + traits @ wider)
     return np.where(known, 1 / (1 + np.exp(-z)), 0), np.where(known, bars, np.nan)
