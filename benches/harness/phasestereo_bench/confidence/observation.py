@@ -162,7 +162,7 @@ def observed(pair: Pair, *, preset: str = "robust", **search: Any) -> dict[str, 
 def _beside_outlines(disparity: Map) -> Mask:
     """Mark the pixels with a jump of the disparities within reach in their row."""
     jumps = np.pad(np.abs(np.diff(disparity, axis=1)) > _JUMP, ((0, 0), (_REACH, _REACH + 1)))
-    return sliding_window_view(jumps, 2 * _REACH + 1, axis=1).any(axis=2)
+    return np.asarray(sliding_window_view(jumps, 2 * _REACH + 1, axis=1).any(axis=2))
 
 
 def _spoiled(pair: Pair, fault: Any, side: str) -> Pair:
