@@ -8,7 +8,14 @@ import numpy as np
 import pytest
 
 from phasestereo.result import Flag
-from phasestereo_bench.confidence import claims, judging, learned_weights, write_weights
+from phasestereo_bench.choices import find_constants
+from phasestereo_bench.confidence import (
+    claims,
+    judging,
+    learned_weights,
+    observation,
+    write_weights,
+)
 from phasestereo_bench.confidence.learning import (
     SIZES,
     bars_of,
@@ -28,6 +35,7 @@ from phasestereo_bench.confidence.regression import sigmoid
 from phasestereo_bench.confidence.verdict import judged
 from phasestereo_bench.rendering import render_pair
 
+CHOICES = Path("rust/match/src/choices.rs")
 WEIGHTS = Path(__file__).parents[2] / "rust/match/src/refinement/calibration" / "weights.rs"
 
 
@@ -79,6 +87,13 @@ def test_counts_are_those_of_the_match() -> None:
     assert (one.counts.sum(axis=(1, 2)) > 0).all(), "own, beside an outline, filled"
     assert 0 < one.wrong < 0.5
     assert (one.traits[0], record["tally"][4]) == (1, pair.left.shape[0] * pair.left.shape[1])
+
+
+def test_outlines_are_those_of_the_core() -> None:
+    constants = find_constants(Path(__file__).parents[2])
+    table = {c.name.rpartition(":")[2]: c.value for c in constants if c.path == CHOICES}
+    own = observation._JUMP, observation._REACH
+    assert (float(table["JUMP"]), int(table["OUTLINE_REACH"])) == own
 
 
 def test_the_same_matches_are_drawn_again() -> None:

@@ -125,10 +125,14 @@ def test_disparities_lie_between_whole_pixels() -> None:
 
 
 def test_confidence_separates_right_from_wrong_better_than_the_margin(data: Path) -> None:
-    areas = np.mean([roc_areas(data, name) for name in ("tsukuba", "venus", "cones")], axis=0)
+    areas = np.array([roc_areas(data, name) for name in ("tsukuba", "venus", "cones")])
+    for own, margin in areas[[0, 2]]:
+        assert own > margin + 0.005
+        assert own > 0.86
 
-    assert areas[0] > areas[1] + 0.02
-    assert areas[0] > 0.9
+    own, margin = areas.mean(axis=0)
+    assert own > margin + 0.02
+    assert own > 0.9
 
 
 def roc_areas(data: Path, name: str) -> tuple[float, float]:
@@ -173,7 +177,9 @@ def test_confidences_are_about_the_share_of_right_disparities(data: Path, name: 
     mask = pair.masks["nonocc"]
     right = 1 - bad(pair, result.disparity) / 100
     assert float(result.confidence[mask].mean()) == pytest.approx(right, abs=0.06)
-    assert roc_area(result.confidence, result.disparity, pair.truth, mask=mask) > 0.84
+    assert roc_area(result.confidence, result.disparity, pair.truth, mask=mask) > (
+        0.84 if name == "venus" else 0.85  # hardly a pixel of venus is wrong
+    )
 
 
 CALIBRATED_UNDER = "sharp", "noise 20", "jpeg 30", "both disk 3", "depth 8 opposite", "motion 30"

@@ -97,8 +97,7 @@ class Layout:
         Number of disparities to search from 0. The collection fixes it, never the truth: the number
         that the 8-bit code can hold (2001, 2003), 240 at full size (2005, 2006), 80 at a quarter of
         it (MiddEval3), 64 (ETH3D), 192 (KITTI). A scene whose calib.txt asks for more gets more.
-        None if there is no such number; then calib.txt gives it, up to a multiple of 16 (2014,
-        2021).
+        None for 2014 and 2021, whose calib.txt gives the number, rounded up to a multiple of 16.
     masks
         Mask files; each may be missing.
     also
@@ -310,9 +309,9 @@ class Scene:
         and 2006 gives the very masks in use). It counts as "all" if its mask includes it, or
         anywhere without a mask, and its truth is known: "all" contains half-occluded pixels, and so
         also matches outside the right image. It counts as "disc" if its mask includes it and its
-        truth is known. Without a truth there is no mask, and without a source no "nonocc" or
-        "disc". (The rows of the "-imperfect" pairs of 2014 are a little apart; the truths are still
-        compared along the same row.)
+        truth is known. Every mask needs a truth; "nonocc" and "disc" also need their source. (The
+        rows of the "-imperfect" pairs of 2014 are a little apart; the truths are still compared
+        along the same row.)
 
         Returns
         -------

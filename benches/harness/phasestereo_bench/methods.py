@@ -118,8 +118,8 @@ def method(spec: str | Matcher | Method) -> Method:
     Raises
     ------
     TypeError, ValueError
-        If there is no such method or setting, if the setting does not take the value, or if a file
-        is not HITNet's.
+        If the method or setting is unknown, if the setting does not take the value, or if a file is
+        not HITNet's.
     OSError
         If there is no such file.
     ImportError

@@ -28,7 +28,7 @@ from phasestereo.io.tiff_layout import TIFF_MAGICS, Directory, check_whole, read
 # We raise the errors of a file; without a handler, log lines would also reach the terminal.
 logging.getLogger("rasterio").addHandler(logging.NullHandler())
 
-_IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)  # GDAL's value if there is no transform
+_IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)  # GDAL's value without a transform
 _SAME = 1e-3  # relative difference of pixel sizes that rounding may cause
 _DTYPES = ("uint8", "uint16", "float32")
 TILE = 256

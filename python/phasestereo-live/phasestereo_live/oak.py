@@ -32,7 +32,7 @@ _MOST = np.iinfo(np.uint16).max
 _CONFIDENCE = np.iinfo(np.uint8).max
 _MILLIMETERS = 1000.0  # in a meter
 _FAILURES = OSError, TypeError, ValueError, MemoryError, RuntimeError
-"""The errors that a match raises for a bad pair; they are no fault of this module."""
+"""The errors that a match raises for a bad pair, not bugs of this module."""
 
 
 class StereoPhase(dai.node.ThreadedHostNode):
@@ -205,7 +205,7 @@ def _cameras(
 
 
 def _words(values: NDArray[np.float32], kept: NDArray[np.bool_]) -> NDArray[np.uint16]:
-    """Return rounded values, 0 where there is no value or it does not fit 16 bits."""
+    """Return rounded values, 0 where the value is missing or does not fit 16 bits."""
     with np.errstate(invalid="ignore"):
         rounded = np.rint(values)
         held = kept & (rounded > 0) & (rounded <= _MOST)

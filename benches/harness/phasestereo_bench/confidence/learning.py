@@ -46,8 +46,8 @@ _USED = np.array(
     ],
     dtype=bool,
 )
-# The places of these weights in the odds of a height and of a slope, by kind: own disparities, own
-# ones beside an outline, filled ones; and which line of the bars each kind has.
+# The columns of these weights that each kind adds to its height and to its slope, and the line of
+# the bars that it uses. The kinds are own disparities, own ones beside an outline, filled ones.
 _HEIGHTS, _SLOPES = ((0,), (0, 2), (0, 3)), ((1,), (1,), (1, 4))
 _LINES = np.array([0, 0, 1])
 _WIDENS = np.array([0, 1, 0, 0, 1, 1, 1, 0], dtype=bool)  # which traits bars depend on

@@ -2,8 +2,8 @@
 
 Every scene is matched as it is, under faults of the suites, under two of them in a row, and with a
 range that is too short. Of each match remain the tally and the noise that the core's calibration
-looks at, and a table of counts: all pixels with a known disparity, also those that one camera alone
-sees, by their kind (own, own beside an outline, filled), their raw confidence and their error.
+looks at, and a table of counts: all pixels with a truth, whether one camera or both see them, by
+their kind (own, own beside an outline, filled), their raw confidence and their error.
 """
 
 from __future__ import annotations
@@ -160,7 +160,7 @@ def observed(pair: Pair, *, preset: str = "robust", **search: Any) -> dict[str, 
 
 
 def _beside_outlines(disparity: Map) -> Mask:
-    """Mark the pixels with a jump of the disparities within reach in their row."""
+    """Return the mask of pixels with a jump of the disparities within reach in their row."""
     jumps = np.pad(np.abs(np.diff(disparity, axis=1)) > _JUMP, ((0, 0), (_REACH, _REACH + 1)))
     return np.asarray(sliding_window_view(jumps, 2 * _REACH + 1, axis=1).any(axis=2))
 

@@ -100,7 +100,7 @@ class Cell:
     environment
         Name of the environment in which the method ran.
     error
-        The reason why there are no metrics; None if there are some.
+        The reason for missing metrics; None if the cell has metrics.
     """
 
     suite: str

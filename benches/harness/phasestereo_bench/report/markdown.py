@@ -54,7 +54,7 @@ def fill_markers(document: str, texts: Mapping[str, str]) -> str:
     Raises
     ------
     ValueError
-        If a marker has no counterpart, or there is no marker to fill.
+        If a marker is missing its counterpart, or the document has no marker to fill.
     """
     newline = "\r\n" if "\r\n" in document else "\n"
 

@@ -82,7 +82,7 @@ class Results:
         Raises
         ------
         ValueError
-            If there is no number; the message names the metrics that have numbers.
+            If the metric has no number; the message names the metrics that do.
         """
         if metric not in self.metrics:
             names = ", ".join(self.metrics)
@@ -129,8 +129,8 @@ def read_results(
     Raises
     ------
     ValueError
-        If a file is invalid; if there are no results, or none of that suite, side or method; if
-        there are results of several suites or sides, and no choice.
+        If a file is invalid; if the files hold no results of that suite, side or method; if they
+        hold results of several suites or sides, and none is chosen.
     OSError
         If a file cannot be read.
     """

@@ -225,7 +225,8 @@ def surface_cases(
     OSError
         If a folder does not exist.
     ValueError
-        If an argument is out of range, a folder has no scene and no table top, or there is no case.
+        If an argument is out of range, a folder has neither a scene nor a table top, or no case is
+        left.
     """
     if seeds < 0:
         raise ValueError(f"seeds: got {seeds}; accepts 0 and more")

@@ -78,7 +78,7 @@ def export(folder: Path, path: Path) -> None:
 
 
 def _merged(earlier: Mapping[str, Any], suites: Mapping[str, Any]) -> dict[str, Any]:
-    """Keep earlier numbers of methods that are no longer in a suite of the same scenes."""
+    """Keep earlier numbers of methods that left a suite of the same scenes."""
     for name, suite in suites.items():
         if earlier.get(name, {}).get("scenes") == suite["scenes"]:
             for metric in _METRICS:

@@ -71,7 +71,7 @@ def job_groups(root: Path, rivals: Sequence[str], *, quick: bool = False) -> lis
     Raises
     ------
     OSError, ValueError, ImportError
-        If there is no scene, or a package is not installed.
+        If the folder holds no scene, or a package is not installed.
     """
     scenes = _scenes(root, "rigs", quick=quick)
     timed = [scene for scene in scenes if str(scene) in TIMED_ON] or scenes[:1]

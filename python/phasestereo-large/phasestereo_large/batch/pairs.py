@@ -81,7 +81,7 @@ def read_pairs(
     OSError
         If the list or the folder cannot be read. This does not try to read the images yet.
     ValueError
-        If the list has other columns, a wrong number or a repeated name; if there is no pair. The
+        If the list has other columns, a wrong number, a repeated name or not a single pair. The
         message names the line.
     """
     place = Path(source).absolute()

@@ -56,7 +56,7 @@ def asp(
     right
         Right image of the same size.
     output
-        TIFF file for the disparities, 32-bit floats, as large as the images; NaN where there is no
+        TIFF file for the disparities, 32-bit floats, as large as the images; NaN without a
         disparity.
     minimum
         The smallest disparity to search; needs --maximum. Without both, the command finds the
