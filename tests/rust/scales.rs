@@ -90,7 +90,12 @@ fn naive_blend([a, b, c, d]: [f32; 4]) -> f32 {
 }
 
 /// Disparity, flags, confidence and bar of a pixel after the choice.
-fn naive_choice(fine: &Disparity, coarse: &Disparity, y: usize, x: usize) -> (f32, u16, f32, f32) {
+fn naive_choice(
+    fine: &Disparity,
+    coarse: &Disparity,
+    [low, high]: [f32; 2],
+    (y, x): (usize, usize),
+) -> (f32, u16, f32, f32) {
     let known = |map: &Disparity| {
         (map.confidence.clone().expect("made so"), map.uncertainty.clone().expect("made so"))
     };
@@ -121,7 +126,8 @@ fn naive_choice(fine: &Disparity, coarse: &Disparity, y: usize, x: usize) -> (f3
     let (row, col) = ((y / 2).min(runtime.rows() - 1), (x / 2).min(runtime.cols() - 1));
     // Halved once more.
     let flags = (coarse.flags.row(row)[col] | 2048) + 4096;
-    (disparity, flags, sure, 2.0 * coarse_bars.row(row)[col])
+    let within = if disparity < low { low } else if disparity > high { high } else { disparity };
+    (within, flags, sure, 2.0 * coarse_bars.row(row)[col])
 }
 
 #[test]
@@ -133,10 +139,13 @@ fn the_choice_is_that_of_a_naive_one() {
         let before = fine.clone();
         let doubt = Doubt::of_map(&fine, Level::best()).expect("enough memory").expect("confidences");
 
-        choose(&mut fine, &doubt, &coarse, Level::best()).expect("enough memory");
+        // Some disparities of the copies, 16 to 22 px, lie outside.
+        let searched = Candidates::new(18, 4, size.1).expect("legal");
+
+        choose(&mut fine, &doubt, &coarse, searched, Level::best()).expect("enough memory");
 
         for (y, x) in (0..size.0).flat_map(|y| (0..size.1).map(move |x| (y, x))) {
-            let (disparity, flags, confidence, bar) = naive_choice(&before, &coarse, y, x);
+            let (disparity, flags, confidence, bar) = naive_choice(&before, &coarse, [18.0, 21.0], (y, x));
             let (found, sure) = (fine.confidence.as_ref(), fine.uncertainty.as_ref());
             assert_eq!(fine.disparity.row(y)[x].to_bits(), disparity.to_bits(), "{y}, {x}");
             assert_eq!(fine.flags.row(y)[x], flags, "{y}, {x}");
@@ -162,8 +171,9 @@ fn the_detail_of_a_map_is_the_mean_factor_of_the_copies_that_decided() {
     let quarter = certain((30, 40), 30.0, 40);
 
     let decide = |map: &mut Disparity, copy: &Disparity| {
+        let searched = Candidates::new(0, 128, 128).expect("legal");
         let doubt = Doubt::of_map(map, Level::best()).expect("enough memory").expect("confidences");
-        choose(map, &doubt, copy, Level::best()).expect("enough memory");
+        choose(map, &doubt, copy, searched, Level::best()).expect("enough memory");
     };
     decide(&mut half, &quarter);
     decide(&mut fine, &half);

@@ -182,5 +182,5 @@ fn decide(
         decide(&mut coarse, doubt, &copy, settings, runtime)?;
     }
 
-    choice::choose(map, &doubt, &coarse, runtime.level())
+    choice::choose(map, &doubt, &coarse, pair.candidates(), runtime.level())
 }

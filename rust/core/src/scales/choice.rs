@@ -10,7 +10,8 @@
 //!            and doubt > doubt of the copy + LEAST_GAIN
 //! ```
 //!
-//! The surroundings decide, not only the pixel: a copy with one lucky pixel is not better.
+//! The surroundings decide, not only the pixel: a copy with one lucky pixel is not better. A copy searches
+//! steps of 2 px, which may begin before the range of the pair and end after it; the range holds.
 //!
 //! Where copies decided, the images have no detail finer than the pixels of these copies:
 //!
@@ -27,6 +28,7 @@ use phasestereo_match::base::simd::Level;
 use phasestereo_match::choices::JUMP;
 use phasestereo_match::image::window_sums::window_means;
 use phasestereo_match::matcher::Disparity;
+use phasestereo_match::pair::candidates::Candidates;
 use phasestereo_match::refinement::flag;
 
 /// Reach of the surroundings, pixels of the map.
@@ -89,8 +91,15 @@ fn lowered(confidence: f32, factor: f32) -> f32 {
     confidence / (confidence + (1.0 - confidence) * factor)
 }
 
-/// Replaces what the copy knows better; it knows nothing about pixels that the right image does not show.
-pub fn choose(map: &mut Disparity, doubt: &Doubt, coarse: &Disparity, level: Level) -> Result<()> {
+/// Replaces what the copy knows better, within the disparities searched in the pair; it knows nothing about
+/// pixels that the right image does not show.
+pub fn choose(
+    map: &mut Disparity,
+    doubt: &Doubt,
+    coarse: &Disparity,
+    searched: Candidates,
+    level: Level,
+) -> Result<()> {
     let (Some(confidence), Some(uncertainty)) = (&mut map.confidence, &mut map.uncertainty) else {
         return Ok(());
     };
@@ -100,6 +109,7 @@ pub fn choose(map: &mut Disparity, doubt: &Doubt, coarse: &Disparity, level: Lev
     };
     // There, the same surroundings are half as wide.
     let coarse_doubt = Doubt::new(coarse_confidence, RADIUS / 2, |c| 1.0 - same(c), level)?;
+    let (low, high) = (searched.min() as f32, searched.max() as f32);
 
     let cols = map.disparity.cols();
     let rows = map.disparity.as_mut_slice().par_chunks_mut(cols);
@@ -123,7 +133,7 @@ pub fn choose(map: &mut Disparity, doubt: &Doubt, coarse: &Disparity, level: Lev
 
             if is_better && sure > confidence[x] && !found.is_nan() {
                 let (row, col) = around.nearest();
-                disparity[x] = 2.0 * found;
+                disparity[x] = (2.0 * found).clamp(low, high);
                 flags[x] = (coarse.flags.row(row)[col] | flag::COARSE) + HALVED;
                 confidence[x] = sure;
                 uncertainty[x] = 2.0 * coarse_uncertainty.row(row)[col];
