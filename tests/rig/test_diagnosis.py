@@ -84,7 +84,7 @@ def test_unrelated_images_are_recognized(data: Path) -> None:
     left, right = (find_scene(data / "middlebury", name).load() for name in ("Art", "Moebius"))
     found = check(left.left, right.right)
     assert "these are not a pair" in sentence(found, "match")
-    assert "above 45 % of the width: give such disparities" in sentence(found, "match")
+    assert "above 75 % of the width: give such disparities" in sentence(found, "match")
     assert severities(found)["match"] == "warning"
     with pytest.warns(ps.MatchWarning, match="these are not a pair, or far from rectified"):
         ps.match(left.left, right.right, num_disparities=64)

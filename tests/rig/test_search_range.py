@@ -98,6 +98,27 @@ def test_cropped_images_are_not_called_swapped(data: Path) -> None:
         assert not search.swapped, name
 
 
+@pytest.mark.parametrize("share", [0.42, 0.5, 0.6, -0.5])
+def test_ranges_beyond_45_percent_of_the_width_are_found(data: Path, share: float) -> None:
+    for name in ("cones", "Moebius", "Rocks1"):
+        pair = find_scene(data / "middlebury", name).load()
+        middle = float(np.median(pair.truth[np.isfinite(pair.truth)]))
+        # Cropped so that the median disparity is this share of the width that remains.
+        width = int((pair.left.shape[1] + np.sign(share) * middle) / (1 + abs(share)))
+        by = pair.left.shape[1] - width
+        left, right = np.s_[:, :width], np.s_[:, by:]
+        if share < 0:
+            left, right, by = right, left, -by
+        truth = pair.truth[left] + by
+
+        result = ps.match(pair.left[left], pair.right[right])
+        assert result.search.origin == "found", name
+        at = np.arange(width) - truth
+        is_seen = np.isfinite(truth) & (at >= 0) & (at < width)
+        assert inside(truth[is_seen], result.search) >= 0.98, name
+        assert np.mean(np.abs(result.disparity - truth)[is_seen] <= 1) > 0.9, name
+
+
 def far_and_near(
     size: tuple[int, int], far: tuple[float, float], thing: tuple[slice, slice], near: int
 ) -> tuple[Plane, Plane]:

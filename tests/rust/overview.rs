@@ -6,11 +6,11 @@ use crate::common::{gray_of, hash, with_runtime};
 use ndarray::Array3;
 use phasestereo::internals::estimation::areas::Area;
 use phasestereo::internals::estimation::blur::parts::PairRows;
+use phasestereo::internals::estimation::extent::extent;
 use phasestereo::internals::estimation::order::Signs;
 use phasestereo::internals::estimation::overview::{Guess, Overview, RoughMap};
 use phasestereo::internals::estimation::range::{
-    Copies, LeftOut, SearchRange, bands_at_ends, belongs, beyond, ends, extent, is_identical, range, reach,
-    signs,
+    Copies, LeftOut, SearchRange, bands_at_ends, belongs, beyond, ends, is_identical, range, reach, signs,
 };
 use phasestereo::internals::estimation::tracks::{BLOCK, Seed, Track, follow};
 use phasestereo_match::base::math;
@@ -238,9 +238,9 @@ fn an_extent_grows_by_what_is_next_to_it_and_frequent() {
     counts.extend([(8.0, 6), (32.0, 6), (34.8, 6), (f32::NAN, 900)]);
     // Too few, or too far.
     counts.extend([(6.0, 5), (37.6, 5), (40.0, 6), (60.0, 8)]);
-    assert_eq!(extent(&counted(&counts)), Some((8, 35)));
-    assert_eq!(extent(&counted(&[(-3.0, 700), (-1.0, 2), (1.0, 1)])), Some((-3, -1)));
-    assert_eq!(extent(&counted(&[(f32::NAN, 3)])), None);
+    assert_eq!(extent(&counted(&counts).disparity), Some((8, 35)));
+    assert_eq!(extent(&counted(&[(-3.0, 700), (-1.0, 2), (1.0, 1)]).disparity), Some((-3, -1)));
+    assert_eq!(extent(&counted(&[(f32::NAN, 3)]).disparity), None);
 }
 
 #[test]

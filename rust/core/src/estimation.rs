@@ -26,6 +26,7 @@ pub mod areas;
 pub mod blur;
 pub mod compensation_plan;
 pub mod estimates;
+pub mod extent;
 pub mod facts;
 pub mod order;
 pub mod overview;

@@ -5,6 +5,7 @@ use std::ops::Range;
 
 use crate::estimation::blur::parts::{HALO, PairRows, Part, Strips};
 use crate::estimation::blur::rough::{match_reduced, raised, reduced, rough_settings};
+use crate::estimation::extent::{Span, extent};
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::plane::Plane;
@@ -27,6 +28,9 @@ const FINE_WIDTH: usize = 720;
 pub const COARSE_WIDTH: usize = 128;
 /// Largest disparity tried, as a share of the width.
 pub const REACH: f64 = 0.45;
+/// The same if the images match badly up to there. Of 21 pairs that were cropped until the median disparity
+/// was 50, 60, 70 % of the width, 21, 17 and 7 match.
+pub const FAR_REACH: f64 = 0.75;
 /// Vertical shifts of the smallest copies, in rows up and down, that are tried if nothing matches.
 const MOST_ROWS: isize = 6;
 /// Fewest rows of a reduced image: a very wide one keeps more columns instead.
@@ -84,9 +88,6 @@ pub struct Overview {
     pub valid: Plane<bool>,
 }
 
-/// Least and largest disparity of a copy, both included.
-pub type Span = (isize, isize);
-
 /// Disparities of a reduced image.
 pub struct RoughMap {
     /// Whole pixels of the reduced image; NaN where the images do not agree.
@@ -95,8 +96,9 @@ pub struct RoughMap {
     pub unsure: Plane<f32>,
     /// The field by which the right image was resampled.
     pub field: Option<Alignment>,
-    /// Mean confidence: 0.66 to 0.95 on small copies of 12 pairs; 0.19 to 0.39 on those of unrelated images,
-    /// of noise, and of pairs whose rows are off by four or more there.
+    /// Mean confidence of the columns that the found disparities match: 0.66 to 0.95 on small copies of 12
+    /// pairs; 0.19 to 0.39 on those of unrelated images, of noise, and of pairs whose rows are off by four or
+    /// more there.
     pub confidence: f64,
 }
 
@@ -349,8 +351,20 @@ impl Overview {
 
     /// The span of all disparities to try.
     pub fn widest(&self) -> Span {
-        let reach = (REACH * self.planes[0].cols() as f64) as isize;
+        let reach = self.share(REACH);
         (-reach, reach)
+    }
+
+    /// The spans to try if nothing matches well within [`Self::widest`], which they overlap by half a reach:
+    /// a range may lie on either side of its end.
+    pub fn farther(&self) -> [Span; 2] {
+        let (near, far) = (self.share(REACH / 2.0), self.share(FAR_REACH));
+        [(near, far), (-far, -near)]
+    }
+
+    /// A share of the width, pixels.
+    fn share(&self, share: f64) -> isize {
+        (share * self.planes[0].cols() as f64) as isize
     }
 
     /// Matches the reduced images over a span of their disparities, with the right one resampled by the
@@ -377,6 +391,11 @@ pub fn of_bands<T: Copy>(plane: &Plane<T>, bands: &[Range<usize>]) -> Result<Pla
     Plane::from_vec(rows, cols, bands.iter().map(values).collect::<Vec<_>>().concat())
 }
 
+/// The columns of the left image that some disparity of a span finds in the right one.
+fn matched_columns((low, high): Span, cols: usize) -> Range<usize> {
+    low.max(0) as usize..(cols as isize + high.min(0)) as usize
+}
+
 impl RoughMap {
     /// The disparities of images that are reduced by a factor.
     pub fn seen(&self, factor: usize) -> Seen {
@@ -384,29 +403,30 @@ impl RoughMap {
         Seen { all, sure, factor }
     }
 
-    /// A matched map without its uncertain and masked pixels; the mean confidence is that of all valid ones.
+    /// A matched map without its uncertain and masked pixels.
     fn new(map: Disparity, valid: &Plane<bool>, field: Option<Alignment>) -> Self {
         let unsure = map.disparity;
         let mut disparity = unsure.clone();
-        let (mut sum, mut count) = (0.0, 0);
+        let confidences = |y: usize| map.confidence.as_ref().map_or(&[][..], |plane| plane.row(y));
         for y in 0..disparity.rows() {
-            let flags = map.flags.row(y);
-            let is_valid = valid.row(y);
-            let confidences = map.confidence.as_ref().map_or(&[][..], |plane| plane.row(y));
-
+            let (flags, is_valid, confidences) = (map.flags.row(y), valid.row(y), confidences(y));
             for (x, value) in disparity.row_mut(y).iter_mut().enumerate() {
                 let is_known = confidences[x] >= SURE && flags[x] & flag::OUTSIDE == 0;
                 if !is_valid[x] || !is_known {
                     *value = f32::NAN;
                 }
-
-                if is_valid[x] {
-                    sum += f64::from(confidences[x]);
-                    count += 1;
-                }
             }
         }
 
+        let (mut sum, mut count) = (0.0, 0);
+        let columns = matched_columns(extent(&disparity).unwrap_or((0, 0)), disparity.cols());
+        for y in 0..disparity.rows() {
+            let all = confidences(y).iter().zip(valid.row(y)).take(columns.end).skip(columns.start);
+            for (confidence, _) in all.filter(|(_, is_valid)| **is_valid) {
+                sum += f64::from(*confidence);
+                count += 1;
+            }
+        }
         Self { disparity, unsure, field, confidence: sum / f64::from(count.max(1)) }
     }
 }

@@ -20,7 +20,8 @@
 use std::ops::Range;
 
 use super::areas::{BLOCK, Blocks, SAMPLED, Voters, codes_of, median, vote};
-use super::overview::{Overview, Span};
+use super::extent::Span;
+use super::overview::Overview;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::plane::around;
 use phasestereo_match::cost::phase::ByteDistances;

@@ -5,9 +5,10 @@ use std::cmp::Reverse;
 use std::ops::Range;
 
 use super::areas::{Area, BLOCK, areas, fine_areas};
+use super::extent::{FEW, Span, extent, known};
 use super::order::{Order, Signs};
 use super::overview::{
-    self, COARSE_WIDTH, FINE, Guess, LEAST_SIZE, Overview, ROUGH, RoughMap, Span, fine_factor,
+    self, COARSE_WIDTH, FINE, GOOD_CONFIDENCE, Guess, LEAST_SIZE, Overview, ROUGH, RoughMap, fine_factor,
 };
 use super::periods::periods;
 use phasestereo_match::base::error::Result;
@@ -23,12 +24,6 @@ use phasestereo_match::settings::MOST_DISPARITIES;
 /// Least mean confidence of a usable match: 0.58 to 0.95 for 12 pairs, sharp, after six one-sided blurs and
 /// with changed contrast; 0.11 to 0.44 for unrelated images.
 pub const LEAST_CONFIDENCE: f64 = 0.45;
-/// Least share of the matches in the shortest range.
-const CORE: f64 = 0.97;
-/// A disparity next to the range belongs to it if it has at least this share of the matches.
-const FEW: f64 = 0.001;
-/// Disparities farther off than this share of the range's length are mistakes.
-const NEXT: f64 = 0.12;
 /// Disparities searched beyond those that were found on either side, as a share of the range's length.
 const MARGIN: f64 = 0.08;
 /// ... and as a share of a pixel of the copy on which the ends were found.
@@ -55,8 +50,8 @@ const CERTAIN_FINE: u64 = 500;
 /// The same for areas farther than the run, which are not small. Without such objects, areas in 50 streams
 /// have up to 2400; with objects of 125 x 44 px there, 12 000 and more.
 const CERTAIN_FARTHER: u64 = 5000;
-/// Factor by which steps between neighboring columns are larger at the borders of such blocks. Of 20 pairs,
-/// 0.87 to 1.04; under JPEG of quality 60 1.07 to 1.71, of quality 30 1.28 to 2.47.
+/// Factor by which steps between neighboring columns are larger at the borders of the blocks of lossy compression.
+/// Of 20 pairs, 0.87 to 1.04; under JPEG of quality 60 1.07 to 1.71, of quality 30 1.28 to 2.47.
 const BLOCKY: f64 = 1.06;
 /// Frames that take turns in covering all rows of a video: if it is known which squares change, and if not.
 /// Two take 6 % of the time of a steady frame of 741 x 497 by `fast`, and find some objects one frame late.
@@ -103,7 +98,7 @@ pub struct SearchRange {
 }
 
 impl SearchRange {
-    /// Whether left and right are swapped: all disparities are negative, and the scene confirms it.
+    /// Whether left and right are swapped: nearly all disparities are negative, and the scene confirms it.
     pub fn is_swapped(&self) -> bool {
         self.negative && self.is_exchanged()
     }
@@ -178,7 +173,7 @@ pub fn range(
     // Repeating texture matches badly, but its periods are seen.
     let fine = copies.fine;
     let periods = periods(fine, map.field.as_ref(), runtime)?;
-    let run = extent(map).filter(|_| map.confidence >= LEAST_CONFIDENCE);
+    let run = extent(&map.disparity).filter(|_| map.confidence >= LEAST_CONFIDENCE);
     let Some(mut ends) = (match run {
         Some(run) => Some(Ends::of_run(copies, map, run, runtime)?),
         None => periods.map(|periods| Ends::of_span(periods, fine.factor)),
@@ -201,6 +196,7 @@ pub fn range(
     let (negative, mixed) = if periods.is_some() { (false, false) } else { signs(map) };
     let shown = Signs::new(overview, map, is_turned);
     let count = (end - start + 1).min(width as i64);
+    let mixed = mixed && low < 0.0 && high > 0.0;
     let range = SearchRange { min: start, count, low, high, negative, mixed, shown, identical };
 
     let left_out = beyond(places, range.candidates(width)?);
@@ -264,7 +260,7 @@ fn refined(
 
     // Each end is the outermost disparity near it that has enough matches.
     let mut counts = vec![0usize; (around.1 - around.0 + 1) as usize];
-    for value in known(&fine) {
+    for value in known(&fine.disparity) {
         let at = value.round_ties_even() as isize - around.0;
         let count = usize::try_from(at).ok().and_then(|at| counts.get_mut(at));
         if let Some(count) = count {
@@ -306,7 +302,7 @@ pub fn bands_at_ends(map: &RoughMap, (first, last): Span, height: usize) -> Vec<
 
 /// Whether nearly all disparities are negative, and whether there are many of either sign.
 pub fn signs(map: &RoughMap) -> (bool, bool) {
-    let known: Vec<f64> = known(map).map(f64::from).collect();
+    let known: Vec<f64> = known(&map.disparity).map(f64::from).collect();
     let share = |is_one: &dyn Fn(f64) -> bool| {
         known.iter().filter(|value| is_one(**value)).count() as f64 / known.len() as f64
     };
@@ -450,6 +446,7 @@ fn small_places(
 /// as far on the other side of zero as cameras see that are slightly off parallel.
 pub fn reach(copies: &Overview, run: Span, is_finer: bool) -> Span {
     let (lowest, highest) = copies.widest();
+    let (lowest, highest) = (lowest.min(run.0), highest.max(run.1));
     if run.0 + run.1 >= 0 {
         (run.0.min(if is_finer { highest } else { lowest / OTHER_SIDE }), highest)
     } else {
@@ -595,7 +592,7 @@ pub fn is_identical(copies: &Overview) -> bool {
 /// The ends of the disparities of a run, without the few outermost ones.
 pub fn ends(map: &RoughMap, run: Span) -> [f64; 2] {
     let (first, last) = (run.0 as f32 - 0.5, run.1 as f32 + 0.5);
-    let mut values: Vec<f32> = known(map).filter(|value| (first..=last).contains(value)).collect();
+    let mut values: Vec<f32> = known(&map.disparity).filter(|value| (first..=last).contains(value)).collect();
     let few = (FARTHEST * values.len() as f64) as usize;
     let others = values.len().saturating_sub(1 + few);
     match [few, others].map(|rank| ranked(&mut values, rank)) {
@@ -604,14 +601,10 @@ pub fn ends(map: &RoughMap, run: Span) -> [f64; 2] {
     }
 }
 
-/// The finite disparities.
-fn known(map: &RoughMap) -> impl Iterator<Item = f32> {
-    map.disparity.as_slice().iter().copied().filter(|value| value.is_finite())
-}
-
 impl Overview {
     /// Matches the reduced images, the right one resampled by the field. If the disparities are unknown, all
-    /// are tried on still smaller copies, and here only those found there, and some around them.
+    /// are tried on still smaller copies, farther ones if these match badly or to their very end, and here
+    /// only those found there, and some around them.
     pub fn rough(
         &self,
         candidates: Option<Candidates>,
@@ -624,65 +617,27 @@ impl Overview {
 
         // Coarse to fine: a wide search on few pixels, then a narrow one on more.
         let coarse = self.reduced(COARSE_WIDTH, runtime)?;
-        let map = coarse.matched(coarse.widest(), field, ROUGH, runtime)?;
+        let mut map = coarse.matched(coarse.widest(), field, ROUGH, runtime)?;
+        if map.confidence < GOOD_CONFIDENCE || coarse.is_cut_off(&map) {
+            for span in coarse.farther() {
+                let far = coarse.matched(span, field, ROUGH, runtime)?;
+                if far.confidence > map.confidence.max(LEAST_CONFIDENCE) {
+                    map = far;
+                }
+            }
+        }
         // A quarter of the range on either side covers what the smaller copies miss.
-        let (low, high) = extent(&map).unwrap_or_else(|| coarse.widest());
+        let (low, high) = extent(&map.disparity).unwrap_or_else(|| coarse.widest());
         let around = ((high - low) / 4).max(2);
         let finer = (coarse.factor / self.factor) as isize;
         self.matched(((low - around) * finer, (high + around + 1) * finer), field, ROUGH, runtime)
     }
-}
 
-/// The smallest and the largest disparity, without mistakes.
-pub fn extent(map: &RoughMap) -> Option<(isize, isize)> {
-    let whole = |value: f32| value.round_ties_even() as isize;
-    let lowest = whole(known(map).reduce(f32::min)?);
-    let highest = whole(known(map).reduce(f32::max)?);
-
-    let mut counts = vec![0usize; (highest - lowest + 1) as usize];
-    known(map).for_each(|value| counts[(whole(value) - lowest) as usize] += 1);
-    let total: usize = counts.iter().sum();
-
-    let (mut first, mut last) = shortest(&counts, (CORE * total as f64).ceil() as usize);
-
-    // The range grows while disparities within a step of its ends have enough matches.
-    let is_likely = |count: usize| count as f64 >= (FEW * total as f64).max(2.0);
-    loop {
-        let step = ((NEXT * (last - first) as f64).round() as usize).max(2);
-
-        let mut likely = (first.saturating_sub(step)..(last + step + 1).min(counts.len()))
-            .filter(|at| is_likely(counts[*at]));
-        let from = likely.next().unwrap_or(first);
-        let to = likely.next_back().unwrap_or(last);
-
-        let wider = (first.min(from), last.max(to));
-        if wider == (first, last) {
-            return Some((first as isize + lowest, last as isize + lowest));
-        }
-        (first, last) = wider;
+    /// Whether the disparities of a map over the widest span end where the span does.
+    fn is_cut_off(&self, map: &RoughMap) -> bool {
+        let (lowest, highest) = self.widest();
+        extent(&map.disparity).is_none_or(|(low, high)| low <= lowest || high >= highest)
     }
-}
-
-/// The first and the last index of the shortest run of counts whose sum is at least `enough`.
-fn shortest(counts: &[usize], enough: usize) -> (usize, usize) {
-    let mut best = (0, counts.len() - 1);
-    let (mut start, mut sum) = (0, 0);
-
-    // Each end has one best start, which only moves to the right: linear time.
-    for (end, count) in counts.iter().enumerate() {
-        sum += count;
-
-        while start < end && sum - counts[start] >= enough {
-            sum -= counts[start];
-            start += 1;
-        }
-
-        if sum >= enough && end - start < best.1 - best.0 {
-            best = (start, end);
-        }
-    }
-
-    best
 }
 
 /// The first and the last disparity to search, with a margin around those from low to high.
@@ -710,13 +665,6 @@ fn with_margin(low: f64, high: f64, factor: f64) -> (i64, i64) {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn the_shortest_run_holds_enough() {
-        assert_eq!(shortest(&[1, 0, 5, 6, 0, 1], 11), (2, 3));
-        assert_eq!(shortest(&[1, 0, 5, 6, 0, 1], 13), (0, 5));
-        assert_eq!(shortest(&[4], 4), (0, 0));
-    }
 
     #[test]
     fn margins_stay_on_their_side_of_zero_unless_the_ends_do_not() {

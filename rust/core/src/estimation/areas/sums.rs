@@ -5,7 +5,8 @@ use std::ops::Range;
 
 use super::blocks::BLOCK;
 use super::{Around, Standout};
-use crate::estimation::overview::{Guess, Span};
+use crate::estimation::extent::Span;
+use crate::estimation::overview::Guess;
 use phasestereo_match::base::plane::Plane;
 use phasestereo_match::base::simd::{Level, Loop, leveled};
 use phasestereo_match::base::value::{LANES, Lanes, least_lane, nearest};

@@ -7,14 +7,14 @@ use std::ops::Range;
 use rayon::prelude::*;
 
 use phasestereo_match::base::error::Result;
-use phasestereo_match::base::plane::Plane;
+use phasestereo_match::base::plane::{Plane, widened};
 use phasestereo_match::base::platform::both;
 use phasestereo_match::image::blocking::{self, Extra};
 use phasestereo_match::image::impulses::{self, HEIGHT, count_doubtless, has_impulses};
 use phasestereo_match::image::masking;
 use phasestereo_match::matcher::runtime::Runtime;
 use phasestereo_match::pair::Pair;
-use phasestereo_match::pair::source::{Source, bands, has_empty_row, widened};
+use phasestereo_match::pair::source::{Source, bands, has_empty_row};
 
 /// The noise, in gray levels, that does the same harm as the loss from compression if blocks stand out by one
 /// level. More helps a little if both images are compressed, and harms if one is.

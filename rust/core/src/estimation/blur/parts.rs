@@ -7,11 +7,11 @@ use super::bins::SIDE;
 use super::rough::{Correspondence, RoughMatch, RoughScale, grays, has_contrast};
 use super::spectrum::BlockPlace;
 use phasestereo_match::base::error::Result;
-use phasestereo_match::base::plane::Plane;
+use phasestereo_match::base::plane::{Plane, widened};
 use phasestereo_match::base::platform::both;
 use phasestereo_match::matcher::runtime::Runtime;
 use phasestereo_match::pair::Pair;
-use phasestereo_match::pair::source::{Source, widened};
+use phasestereo_match::pair::source::Source;
 
 /// Rows above and below a block that its rough disparities depend on: those of windows and neighborhoods of
 /// the rough match, those that masked rows copy, and one for the detection of impulses.
