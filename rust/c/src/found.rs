@@ -107,7 +107,7 @@ pub struct Found {
     pub num_disparities: i32,
     /// Origin of the disparities: `PHASESTEREO_GIVEN`, `PHASESTEREO_FOUND` or `PHASESTEREO_DEFAULT`.
     pub origin: u32,
-    /// 1: left and right are swapped: all disparities are negative, and the scene confirms it.
+    /// 1: left and right are swapped: nearly all disparities are negative, and the scene confirms it.
     pub swapped: u32,
     /// 1: many disparities of either sign are clearly not zero.
     pub mixed: u32,

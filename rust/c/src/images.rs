@@ -28,7 +28,7 @@ pub const PHASESTEREO_OUTSIDE: u16 = 4;
 pub const PHASESTEREO_OCCLUDED: u16 = 16;
 /// The match belongs to another left pixel, although the right image shows this one, too.
 pub const PHASESTEREO_MISMATCHED: u16 = 32;
-/// Another candidate costs about as much.
+/// The confidence is below the lowest one that was asked for.
 pub const PHASESTEREO_LOW_CONFIDENCE: u16 = 64;
 /// The pixel belongs to a small region that differs from everything around it.
 pub const PHASESTEREO_SPECKLE: u16 = 128;

@@ -15,8 +15,8 @@ use crate::estimation::blur::{Blur, Side};
 use crate::estimation::estimates::Estimates;
 use crate::estimation::facts::Origin;
 use crate::estimation::order::{Order, Signs};
+use crate::estimation::overview::FAR_REACH;
 use crate::estimation::overview::LEAST_SIZE;
-use crate::estimation::overview::REACH;
 use crate::estimation::photometry::{Contrast, Photometry};
 use crate::estimation::range::{LEAST_CONFIDENCE, LeftOut, SearchRange};
 use crate::estimation::rows::RowOffsets;
@@ -65,24 +65,24 @@ table! {
     Match, Warning, when(known.is_unlike() && known.is_given(), []),
         "hardly anything in one image is found in the other: these are not a pair, or far from rectified",
         cause(UNLIKE, 0.0);
-    Match, Warning, when(known.is_unlike() && !known.is_given(), [percent(REACH)]),
+    Match, Warning, when(known.is_unlike() && !known.is_given(), [percent(FAR_REACH)]),
         "hardly anything in one image is found in the other: these are not a pair, are far from rectified, or have \
          disparities above {0} of the width",
         remedy("give such disparities by min_disparity and num_disparities"), cause(UNLIKE, 0.0);
     Match, Warning, known.ends_if(|range| range.identical),
         "both images are the same, but for noise: there is nothing to match", cause(UNLIKE, 0.0);
     Swap, Note, known.ends_if(|range| !range.identical && range.negative && known.is_toed_in(range)),
-        "all disparities are negative ({0}), and rows differ as those of cameras that are toed in, with all of the \
+        "nearly all disparities are negative ({0}), and rows differ as those of cameras that are toed in, with all of the \
          scene behind the point they look at",
         remedy("disparities are not a depth before the pair is rectified");
     Swap, Warning, known.shows(true, Order::Exchanged),
-        "left and right seem to be swapped: all disparities are negative ({0}), and {1}", remedy("exchange the images"),
+        "left and right seem to be swapped: nearly all disparities are negative ({0}), and {1}", remedy("exchange the images"),
         cause("images that seem to be swapped", 0.0);
     Swap, Note, known.shows(true, Order::InPlace),
-        "all disparities are negative ({0}), though left and right seem to be in their places, since {1}: the images \
+        "nearly all disparities are negative ({0}), though left and right seem to be in their places, since {1}: the images \
          are cropped, or the cameras toed in", remedy(OFFSET);
     Swap, Note, known.shows(true, Order::Unknown),
-        "all disparities are negative ({0}): the images are cropped, the cameras toed in, or left and right \
+        "nearly all disparities are negative ({0}): the images are cropped, the cameras toed in, or left and right \
          exchanged; the scene does not show which", remedy(OFFSET);
     Swap, Note, known.shows(false, Order::Exchanged),
         "left and right may be exchanged: disparities are {0}, but {1}", remedy("compare the images with the rig");
