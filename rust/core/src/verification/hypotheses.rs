@@ -8,7 +8,7 @@ use phasestereo_match::cost::Costs;
 use phasestereo_match::pair::candidates::Candidates;
 use phasestereo_match::settings::MOST_DISPARITIES;
 
-/// Share of the claims at either end that do not widen the range: maps have outliers.
+/// One of this many claims, at either end, does not widen the range: maps have outliers.
 const OUTLIERS: usize = 200;
 /// Pixels beyond the claims that are searched.
 const MARGIN: i64 = 2;
@@ -17,7 +17,8 @@ const SAMPLES: usize = 96;
 /// Least advantage over pixels paired at random, as a share of their cost, of numbers with another meaning.
 /// Right maps have 0.5 to 0.8 on sharp pairs, and 0.15 or more under noise of 20 gray levels.
 const LEAST_ADVANTAGE: f64 = 0.1;
-/// Least ratio to the advantage of the unchanged claims.
+/// Least ratio to the advantage of the unchanged claims, and to that of 0 everywhere: divided numbers are
+/// close to it.
 const CLEARLY: f64 = 3.0;
 
 /// The meaning of the numbers of a map, if they are not disparities in pixels that are positive in front of
@@ -41,8 +42,8 @@ impl Misreading {
         }
     }
 
-    /// The meaning with which pixels match far better than with the unchanged numbers, if there is one; the
-    /// costs must allow any two columns.
+    /// The meaning with which pixels match far better than with the unchanged numbers, and than without any
+    /// disparity, if there is one; the costs must allow any two columns.
     pub fn of(sample: &Sample, costs: &Costs) -> Option<Self> {
         let random = sample.random(costs);
         let advantage = |reading: Option<Self>| {
@@ -50,7 +51,8 @@ impl Misreading {
             sample.advantage(costs, random, read)
         };
 
-        let plain = advantage(None).max(0.0);
+        let nowhere = sample.advantage(costs, random, |_| 0.0);
+        let plain = advantage(None).max(nowhere).max(0.0);
         let readings = Self::ALL.map(|reading| (reading, advantage(Some(reading))));
         let (reading, best) =
             readings.into_iter().reduce(|best, next| if next.1 > best.1 { next } else { best })?;

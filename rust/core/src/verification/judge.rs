@@ -14,7 +14,7 @@
 //! If a claim and the own disparity differ, `ahead` is the logarithm of the odds that the claim is right,
 //! given that one of them is. It has lines of its own.
 //!
-//! `phasestereo bench confidence` learns the lines and writes `weights.rs`.
+//! `phasestereo bench confidence --of maps` learns the lines and writes `weights.rs`.
 
 #[allow(
     clippy::approx_constant,
@@ -39,7 +39,7 @@ pub const KNOTS: usize = 6;
 /// Cases with lines of their own.
 pub const CASES: usize = 3;
 /// Flags of pixels without an own match, or that the right image does not show.
-pub const UNSEEN: u16 = flag::MISSING | flag::UNSEEN;
+pub const UNMATCHED: u16 = flag::MISSING | flag::UNSEEN;
 
 /// Points of the lines of all traits.
 type Lines = [[f32; KNOTS]; TRAITS];
@@ -102,7 +102,7 @@ pub fn chances(traits: &Traits, runtime: Runtime) -> Result<Plane<Chance>> {
 /// The error bar, pixels, of a disparity with this confidence and these flags, where the match and the claim
 /// differ.
 pub fn bar(confidence: f32, flags: u16) -> f32 {
-    let case = if flags & UNSEEN != 0 { 2 } else { 1 };
+    let case = if flags & UNMATCHED != 0 { 2 } else { 1 };
     exp_single(Line::of_bars(&weights::WEIGHTS.cases[case].bars).at(odds(confidence)))
 }
 
@@ -190,7 +190,7 @@ fn judge_row(
         let gaps = &values[0];
         let mut of_pixel = [0; WIDTH];
         for (case, (gap, flags)) in zip(&mut of_pixel, zip(gaps, flags)) {
-            *case = if flags & UNSEEN != 0 { 2 } else { u32::from(*gap > AGREES) };
+            *case = if flags & UNMATCHED != 0 { 2 } else { u32::from(*gap > AGREES) };
         }
 
         for (case, (odds, bars)) in (0..).zip(cases) {

@@ -6,7 +6,7 @@
 //! ```text
 //! by       = |own - claim|
 //! score    = OFFSET
-//!          + BY       * clamp(by - 1, -0.2, 2)             # how far apart the two are
+//!          + BY       * min(by - 1, 2)                     # how far apart the two are
 //!          + SOON     * min(by - 1, 0.5)                   # the first half pixel counts most
 //!          + TRUST    * logit(mean confidence of the own match, 9 x 9)
 //!          + EVIDENCE * clamp(evidence, -20, 60)           # `evidence`
@@ -28,7 +28,7 @@
 
 use crate::verification::evidence::DIFFERENT;
 use crate::verification::hypotheses::right_column;
-use crate::verification::judge::UNSEEN;
+use crate::verification::judge::UNMATCHED;
 use crate::verification::traits::{self, RANGE, RightColumns};
 use crate::verification::{Counts, verdict};
 use phasestereo_match::base::error::Result;
@@ -52,7 +52,7 @@ const HIDDEN: f64 = -0.4;
 /// Least score of a refuted claim: odds of more than 4.
 const REFUTED: f64 = 1.45;
 /// Most pixels by which a supported claim differs from the own disparity.
-const NEAR: f32 = 1.5;
+const SUPPORTS: f32 = 1.5;
 /// Least confidence of an own disparity that supports a claim.
 const CONFIDENT: f32 = 0.8;
 
@@ -94,7 +94,7 @@ impl Test<'_> {
         if !claim.is_finite() {
             return verdict::NO_CLAIM;
         }
-        if own.is_nan() || self.own.flags.row(y)[x] & UNSEEN != 0 {
+        if own.is_nan() || self.own.flags.row(y)[x] & UNMATCHED != 0 {
             return verdict::UNKNOWN;
         }
 
@@ -103,7 +103,7 @@ impl Test<'_> {
             return verdict::REFUTED;
         }
 
-        let is_supported = by <= NEAR && self.confidence(y, x) > CONFIDENT;
+        let is_supported = by <= SUPPORTS && self.confidence(y, x) > CONFIDENT;
         if is_supported { verdict::SUPPORTED } else { verdict::UNKNOWN }
     }
 
@@ -112,8 +112,8 @@ impl Test<'_> {
         let around = self.around(y, x);
         let beyond = f64::from(by) - 1.0;
 
-        BY * beyond.clamp(-0.2, 2.0)
-            + SOON * beyond.clamp(-0.2, 0.5)
+        BY * beyond.min(2.0)
+            + SOON * beyond.min(0.5)
             + EVIDENCE * f64::from(self.against.row(y)[x]).clamp(-20.0, 60.0)
             + JUMP * f64::from(around.range).min(3.0)
             + NOWHERE * f64::from(around.nearest).min(1.5)
