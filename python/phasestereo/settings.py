@@ -167,10 +167,10 @@ class Settings:
         whose disparity differs by more (OpenCV's ``disp12MaxDiff``). None: no check. An integer
         from 0 to 16384, or None. Default ``1`` (paper ``None``, fast ``None``).
     uniqueness
-        Percent by which the second-best cost must exceed that of the chosen disparity. A pixel is
-        flagged unless its disparity costs less, by at least this percentage, than the best of those
-        more than one pixel away (OpenCV's ``uniquenessRatio``). 0: no check. An integer from 0 to
-        100. Default ``0``.
+        Percent of the second-best cost by which that of the chosen disparity must be lower. A pixel
+        is flagged unless its disparity costs less, by at least this percentage, than the best of
+        those more than one pixel away (OpenCV's ``uniquenessRatio``). 0: no check. An integer from
+        0 to 100. Default ``0``.
     speckle_size
         Largest region that counts as a speckle, pixels. Regions of up to this size that differ from
         everything around them are flagged (OpenCV's ``speckleWindowSize``). 0: no check. Default

@@ -11,7 +11,7 @@ use crate::common::{
 };
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::error::Error;
-use phasestereo_match::base::plane::Plane;
+use phasestereo_match::base::plane::{Plane, widened};
 use phasestereo_match::base::simd::Level;
 use phasestereo_match::image::convolution::Kernel;
 use phasestereo_match::image::pixels::Input;
@@ -24,7 +24,7 @@ use phasestereo_match::optimization::BAND;
 use phasestereo_match::pair::Pair;
 use phasestereo_match::pair::blur_compensation::BlurCompensation;
 use phasestereo_match::pair::plan::Plan;
-use phasestereo_match::pair::source::{roughness, widened};
+use phasestereo_match::pair::source::roughness;
 use phasestereo_match::refinement::calibration::{Tally, sampled};
 use phasestereo_match::refinement::{Draft, flag};
 use phasestereo_match::settings::presets::Preset;

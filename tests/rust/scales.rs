@@ -126,7 +126,13 @@ fn naive_choice(
     let (row, col) = ((y / 2).min(runtime.rows() - 1), (x / 2).min(runtime.cols() - 1));
     // Halved once more.
     let flags = (coarse.flags.row(row)[col] | 2048) + 4096;
-    let within = if disparity < low { low } else if disparity > high { high } else { disparity };
+    let within = if disparity < low {
+        low
+    } else if disparity > high {
+        high
+    } else {
+        disparity
+    };
     (within, flags, sure, 2.0 * coarse_bars.row(row)[col])
 }
 

@@ -17,7 +17,7 @@ use self::image::Image;
 use self::rig::Rig;
 use crate::estimation::facts::{Direction, Fact, Facts};
 use crate::estimation::{Estimates, Prepared};
-use crate::finding::{Finding, Severity, Topic};
+use crate::finding::{Finding, Topic};
 use crate::findings;
 use crate::match_pair::{Matched, Rectified, diagnosed, match_pair};
 use crate::preparation::back::Back;
@@ -312,7 +312,7 @@ impl Matcher {
         let control = Control::default();
         let found = self.on_threads(&control, |runtime| rectify_views(&[pair], runtime))?;
 
-        let note = |sentence: String| Finding::new(Topic::Alignment, Severity::Note, sentence);
+        let note = |sentence: String| Finding::note(Topic::Alignment, sentence);
         let told = findings::rectification(&found).into_iter().map(note).collect();
         Ok((Calibration::of_cameras(&found.cameras).as_they_come(sizes)?, told))
     }
@@ -353,8 +353,8 @@ impl Matcher {
     }
 
     /// The most bytes of working memory for a match of images with this many rows and columns, where each
-    /// pixel, all channels together, takes `pixel_bytes`. Images and maps are not included, nor the codes of
-    /// the right image that are kept for each kind of compensated blur.
+    /// pixel, all channels together, takes `pixel_bytes`. The caller's images and maps are not included,
+    /// nor the codes of the right image that are kept for each kind of compensated blur.
     pub fn working_memory(
         &self,
         (rows, cols): (usize, usize),

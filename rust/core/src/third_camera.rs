@@ -341,7 +341,7 @@ fn area_of(
         let [low, high] = [low[k], high[k]].map(|by| (place[k] + by - SLACK).ceil());
         // An area smaller than a pixel covers the pixel that contains it.
         let nearest = place[k].round_ties_even();
-        if high > low { [low as i32, high as i32] } else { [nearest as i32, nearest as i32 + 1] }
+        if high > low { [low as i32, high as i32] } else { [nearest as i32, (nearest + 1.0) as i32] }
     });
     Covered { left, top, right, bottom, depth }
 }

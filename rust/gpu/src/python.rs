@@ -120,8 +120,8 @@ fn checked(task: Task) -> PyResult<Task> {
         && end <= bottom
         && bottom <= rows
         && [task.left, task.right, task.pixels].iter().all(|bytes| bytes.len() % 4 == 0)
-        && task.left.len() as u64 >= rows * cols * code
-        && task.right.len() as u64 >= rows * places * code
+        && task.left.len() as u64 >= (rows * cols).saturating_mul(code)
+        && task.right.len() as u64 >= (rows * places).saturating_mul(code)
         && task.pixels.len() as u64 >= rows * cols;
     is_whole.then_some(task).ok_or_else(|| {
         PyValueError::new_err(

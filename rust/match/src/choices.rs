@@ -171,9 +171,6 @@ choices! {
     /// Rows and columns on either side over which surfaces are smoothed.
     SURFACE_REACH: usize = 3, in "pixels", evidence "larger ones bend curved surfaces";
 
-    /// Largest difference of the disparities of neighbors on one surface.
-    SAME_SURFACE: f32 = 1.0, in "pixels", evidence "as that of `JUMP`";
-
     /// Pixels by which near surfaces are eroded and dilated, in each direction of a square.
     SYNTHESIS_RADIUS: usize = 4, in "pixels",
         evidence "fewer repair less of a wide blur; several radii in turn repair a little more and take as much \

@@ -25,9 +25,9 @@
 //!
 //! Costs and totals are integers as narrow as the settings allow (`base::value`). The candidates of a pixel
 //! lie in neighboring lanes, in loops compiled for every instruction set (`base::simd`, the only unsafe
-//! code). All arithmetic is on integers (the descriptor may use floats that hold them exactly), so the result
-//! is bit-identical for any number of threads, any part of a pair and any instruction set. It equals a
-//! reference implementation that computes the same in the most obvious way (`tests/rust/reference.rs`).
+//! code). Arithmetic is on integers, or on floats in a fixed order, so the result is bit-identical for any
+//! number of threads, any part of a pair and any instruction set. It equals a reference implementation that
+//! computes the same in the most obvious way (`tests/rust/reference.rs`).
 //!
 //! M. Pedone, J. Heikkilä: *Blur and Contrast Invariant Fast Stereo Matching*, ACIVS 2008.
 

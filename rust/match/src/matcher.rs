@@ -17,7 +17,7 @@ use rayon::prelude::*;
 
 use crate::base::control::Control;
 use crate::base::error::{Error, Result};
-use crate::base::plane::Plane;
+use crate::base::plane::{Plane, widened};
 use crate::base::platform::{Instant, ThreadPool};
 use crate::base::simd::Level;
 use crate::base::value::Value;
@@ -258,11 +258,11 @@ impl Matcher {
         section.check(pair)?;
 
         // Refinement reads unrefined rows around these, so more rows are matched, then cut off.
-        let around = section.widened(Halo::new(plan(pair, settings)).map, pair);
+        let around = widened(&section.rows, Halo::new(plan(pair, settings)).map, pair.size().0);
         let wanted = section.rows.start - around.start..section.rows.end - around.start;
-        let widened = Section { rows: around, ..section.clone() };
+        let wider = Section { rows: around, ..section.clone() };
 
-        let found = self.pool.install(|| self.refined(pair, &widened, settings, execution, control))?;
+        let found = self.pool.install(|| self.refined(pair, &wider, settings, execution, control))?;
         Ok(found.of_rows(wanted))
     }
 

@@ -63,7 +63,7 @@ use phasestereo::internals::verification::verdict;
 use phasestereo::internals::video::frames::{Frame, Options, match_frame_as_turned};
 use phasestereo::internals::video::temporal::TemporalFilter as Filter;
 use phasestereo_match::base::control::Control;
-use phasestereo_match::base::plane::Plane;
+use phasestereo_match::base::plane::{Plane, widened};
 use phasestereo_match::base::simd::Level;
 use phasestereo_match::cost::Costs;
 use phasestereo_match::cost::aggregation::{Window, aggregate};
@@ -616,7 +616,7 @@ impl PartOfPair {
         // Progress counts the matched rows, which are more than those requested.
         let plan = Plan { settings: &settings, compensation: compensation.as_ref(), alignment: None };
         let halo = Halo::new(plan).map;
-        let chosen = section.widened(halo, &pair).len();
+        let chosen = widened(&section.rows, halo, pair.size().0).len();
         supervised(py, &pool, chosen, progress, move |runtime| {
             let Runtime { matcher, execution, control } = runtime;
             let level = execution.level;

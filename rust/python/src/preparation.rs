@@ -2,11 +2,10 @@
 
 use ndarray::Dimension;
 use numpy::{PyArray2, PyArrayMethods};
-use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::{PyNone, PyType};
 
-use crate::arguments::{Both, read_inputs, read_search, values};
+use crate::arguments::{Both, read_inputs, read_search, values, wrong_type};
 use crate::failure::Result;
 use crate::known::read_known;
 use crate::objects::{Asked, Object, estimates, pixels};
@@ -56,7 +55,7 @@ impl Back {
         py: Python<'py>,
         disparity: &Bound<'py, PyAny>,
     ) -> Result<Bound<'py, PyArray2<f32>>> {
-        let map = read_map(disparity)?;
+        let map = read_map(disparity, "disparity")?;
         let (back, size) = (self.0.clone(), self.0.size());
         let found = supervised(py, &Pool::new(1)?, size.0, None, move |runtime| {
             back.restored(&map, runtime.control)
@@ -111,11 +110,10 @@ pub fn prepare_pair<'py>(
     Ok((images, done, num_disparities, Back(back), Ready(ready), found))
 }
 
-/// Reads a disparity map.
-pub fn read_map(disparity: &Bound<'_, PyAny>) -> Result<Plane<f32>> {
-    let Ok(array) = disparity.cast::<PyArray2<f32>>() else {
-        let message = "disparity: accepts a 2-D array of float32";
-        return Err(PyTypeError::new_err(message).into());
+/// Reads a map of disparities or depths, the argument of this name.
+pub fn read_map(map: &Bound<'_, PyAny>, name: &str) -> Result<Plane<f32>> {
+    let Ok(array) = map.cast::<PyArray2<f32>>() else {
+        return Err(wrong_type(map, name, "a 2-D array of float32"));
     };
 
     let (rows, cols) = array.dims().into_pattern();

@@ -33,7 +33,7 @@ pub fn with_second<'py>(
     let started = Instant::now();
     let (matched, second) = match images {
         Some(images) => answered(py, frame.matched, second, images, pool)?,
-        None => (frame.matched, Second::Map(read_map(second)?)),
+        None => (frame.matched, Second::Map(read_map(second, "second")?)),
     };
 
     let rows = matched.prepared.pair.size().0;
@@ -71,7 +71,7 @@ fn answered<'py>(
             let answer = other.call1((left, right, num_disparities))?;
             match answer.extract::<String>() {
                 Ok(reason) => Err(reason),
-                Err(_) => Ok((read_map(&answer)?, back)),
+                Err(_) => Ok((read_map(&answer, "second")?, back)),
             }
         }
     };

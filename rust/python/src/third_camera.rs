@@ -1,11 +1,11 @@
 //! Depths in the frame of a third camera, for Python.
 
-use numpy::{PyArray2, PyArrayMethods};
+use numpy::PyArray2;
 use pyo3::IntoPyObjectExt;
 use pyo3::prelude::*;
 
-use crate::arguments::{values, wrong_type};
 use crate::failure::Result;
+use crate::preparation::read_map;
 use crate::supervisor::supervised;
 use crate::workers::Pool;
 use crate::wrap;
@@ -25,8 +25,8 @@ pub fn register_depths<'py>(
     pose: ([[f64; 3]; 3], [f64; 3]),
     size: (usize, usize),
 ) -> Result<Bound<'py, PyAny>> {
-    let depth = read_depth(depth)?;
-    let others = others.iter().map(read_depth).collect::<Result<Vec<_>>>()?;
+    let depth = read_map(depth, "depth")?;
+    let others = others.iter().map(|other| read_map(other, "others")).collect::<Result<Vec<_>>>()?;
     let (focal, center, baseline) = left;
     let left = LeftCamera { focal, center, baseline };
     let (matrix, lens, is_fisheye) = lens;
@@ -58,12 +58,4 @@ pub fn rays_of_pixels(
     let camera = ThirdCamera::new(&matrix, Lens::new(&lens, is_fisheye)?, none, (1, 1));
     let flat = pixels.iter().flat_map(|pixel| camera.flat(*pixel).unwrap_or([f64::NAN; 2]));
     wrap(py, Plane::from_vec(pixels.len(), 2, flat.collect())?)
-}
-
-fn read_depth(depth: &Bound<'_, PyAny>) -> Result<Plane<f32>> {
-    let Ok(array) = depth.cast::<PyArray2<f32>>() else {
-        return Err(wrong_type(depth, "depth", "a 2-D array of float32"));
-    };
-    let shape = array.readonly().as_array().dim();
-    Ok(Plane::from_vec(shape.0, shape.1, values(array)?)?)
 }

@@ -34,7 +34,7 @@ pub fn verify_map<'py>(
     ready: Option<PyRef<'py, Ready>>,
 ) -> Result<Object<'py>> {
     let pair = read_any_images(&images, &masks, None)?;
-    let map = read_map(disparity)?;
+    let map = read_map(disparity, "disparity")?;
     let (rows, cols) = pair.size();
 
     let asked = read_settings(&settings)?;
@@ -68,7 +68,7 @@ pub fn observe_maps<'py>(
 ) -> Result<(Object<'py>, Vec<Object<'py>>)> {
     let none = py.None().into_bound(py);
     let pair = read_any_images(&images, &(none.clone(), none.clone()), None)?;
-    let maps = maps.iter().map(read_map).collect::<Result<Vec<_>>>()?;
+    let maps = maps.iter().map(|map| read_map(map, "maps")).collect::<Result<Vec<_>>>()?;
     let size = pair.size();
 
     let asked = read_settings(&settings)?;

@@ -139,7 +139,7 @@ impl Back {
         }
 
         let ratio = moved.1 as f64 / cols.max(1) as f64;
-        let is_alike = (moved.0 as f64 / ratio - rows as f64).abs() <= 1.0;
+        let is_alike = rows.min(cols) > 0 && (moved.0 as f64 / ratio - rows as f64).abs() <= 1.0;
         let reduced = ratio / self.factor as f64;
         if is_alike && (SMALLEST_RATIO..=LARGEST_RATIO).contains(&reduced) {
             return Ok(ratio);

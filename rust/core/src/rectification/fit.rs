@@ -3,7 +3,7 @@
 //!
 //! ```text
 //! cost = sum of w r^2 / (6 s^2) + sum of numbers^2          # r: rows apart, s: their spread
-//! repeat: (J' W J + 1 + damping) step = J' W r + numbers    # taken if the cost falls
+//! repeat: (J' W J + 1, its diagonal times 1 + damping) step = J' W r + numbers    # taken if the cost falls
 //!         first w = 1 / max(|r| / s, 0.5), then Tukey's biweight
 //! ```
 

@@ -188,6 +188,6 @@ fn write_rests(level: Level, means: Windows, y: usize, gray: &[i32], parts: f32,
     for (x, (rest, gray)) in rests.iter_mut().zip(gray).enumerate() {
         let count = means.pixels(y, x) as i32;
         let quotient = (count * gray - *rest) as f32 / count as f32 * parts;
-        *rest = whole(quotient.clamp(-MOST, MOST)) as i32;
+        *rest = whole(quotient.clamp(-MOST, MOST));
     }
 }

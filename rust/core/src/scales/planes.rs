@@ -57,13 +57,12 @@ use crate::scales::choices::{EVIDENCE_REACH, GOES_ON, LEAST_AGREEING, OCCLUDER, 
 use crate::scales::detail::Detail;
 use crate::scales::flat_areas::{FlatArea, flat_areas, grown};
 use phasestereo_match::base::error::Result;
-use phasestereo_match::base::plane::{Plane, zeroed};
+use phasestereo_match::base::plane::{Plane, widened, zeroed};
 use phasestereo_match::base::simd::{Level, leveled, whole};
 use phasestereo_match::image::window_sums::window_means;
 use phasestereo_match::matcher::Disparity;
 use phasestereo_match::matcher::runtime::Runtime;
 use phasestereo_match::pair::Pair;
-use phasestereo_match::pair::source::widened;
 use phasestereo_match::refinement::flag;
 
 /// Distance from an area within which pixels count for its plane.

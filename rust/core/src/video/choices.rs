@@ -54,7 +54,7 @@ pub const IDLE_FRAMES: u32 = 90;
 pub const FEW_NOW: i64 = 4000;
 /// ... and in the histogram.
 pub const FEW_FADED: i64 = 2000;
-/// Least number of disparities beyond the largest one. A lane of the match has 16 disparities.
+/// Least number of disparities beyond the largest one.
 pub const LEAST_RESERVE: i64 = 6;
 /// Disparities of the range per disparity of the reserve.
 pub const RESERVE_DIVISOR: i64 = 12;
@@ -141,7 +141,7 @@ pub const MOST_MOVED_BY: f32 = 2.0;
 pub const LEAST_MOVED: u32 = 16;
 /// Most pixels by which disparities of one thing differ: the step of integer maps. With less, these flicker
 /// more; with more, different things are averaged.
-pub const SAME_DISPARITY: f32 = 1.0;
+pub const SAME_THING: f32 = 1.0;
 
 // Changes of a view (`temporal::change`)
 

@@ -318,7 +318,7 @@ impl<'a> Followed<'a, '_> {
 
     /// Matches the frame by the known facts; `is_again`: afterward, blocks of all rows are located.
     fn match_known(&self, geometry: &Geometry, input: &RectifiedFrame, is_again: bool) -> Result<FrameMatch> {
-        let Options { facts, settings, .. } = self.options;
+        let facts = self.options.facts;
         let pair = Pair::clone(&input.pair);
         let candidates = match &facts.candidates {
             Some(given) => given.clone(),
@@ -331,7 +331,7 @@ impl<'a> Followed<'a, '_> {
 
         let estimates = match &self.rig.appearance {
             Some(appearance) if input.is_as_before => {
-                let rows = sways.then(|| self.rows(&pair, &appearance.estimates, &facts, settings));
+                let rows = sways.then(|| self.rows(&pair, &appearance.estimates, &facts));
                 let (alignment, offsets) = match rows {
                     Some(found) => found?,
                     None => (geometry.alignment()?, geometry.field.offsets()?),
@@ -361,13 +361,12 @@ impl<'a> Followed<'a, '_> {
         pair: &Pair,
         appearance: &Estimates,
         facts: &Facts,
-        settings: &Settings,
     ) -> Result<(Option<Alignment>, Option<RowOffsets>)> {
         let mut facts = facts.clone();
         if let Some(plan) = &appearance.compensation {
             facts.compensation = Some(plan.blur_compensation()?);
         }
-        let (_, found) = complete(pair.clone(), &facts, settings, self.runtime)?;
+        let (_, found) = complete(pair.clone(), &facts, self.options.settings, self.runtime)?;
         Ok((found.alignment, found.offsets))
     }
 

@@ -55,7 +55,7 @@ pub struct Rig {
     pub changes: Changes,
     /// The events.
     pub events: Events,
-    /// The share of the match that is probably wrong, over recent frames; NaN: unknown.
+    /// The share of the match that is probably wrong, over recent frames; `None`: unknown.
     pub health: Option<f64>,
     /// Which image is the softer one.
     pub soft: Option<Steady>,

@@ -8,7 +8,7 @@
 //! ```text
 //! seen(d) = the right view is unchanged at (x - d, y), or (x - d, y) is outside the image, or d is missing
 //! still   = of the places in the 32 x 32 block with both d and D, at most 2 / 3 have d - D from 1/4 to 2,
-//!           or from -2 to -1/4
+//!           or from -2 to -1/4; or there are fewer than LEAST_MOVED such places
 //! if n > 0 and still and the left view has not changed at (x, y) and seen(d) and seen(D):
 //!     if |d - D| <= 1, or there is neither d nor D:  n = min(n + 1, MEAN_FRAMES)   D += (d - D) / n
 //!     else if n > 1:                                 n = n - 1                D stays
@@ -41,9 +41,9 @@ pub mod change;
 
 use rayon::prelude::*;
 
-use self::change::{Changes, Scale};
+use self::change::{Scale, ViewChanges};
 use crate::video::choices::{
-    CHANGE_STEP, LEAST_MOVED, MEAN_FRAMES, MOST_MOVED_BY, MOVED_BLOCK, MOVED_BY, MOVED_STEP, SAME_DISPARITY,
+    CHANGE_STEP, LEAST_MOVED, MEAN_FRAMES, MOST_MOVED_BY, MOVED_BLOCK, MOVED_BY, MOVED_STEP, SAME_THING,
 };
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::plane::Plane;
@@ -65,7 +65,7 @@ pub struct TemporalFilter {
 #[derive(Debug)]
 struct Before {
     key: Key,
-    views: [Changes; 2],
+    views: [ViewChanges; 2],
     disparity: Plane<f32>,
     flags: Plane<u16>,
     /// Confidence and uncertainty, if any.
@@ -133,7 +133,7 @@ impl Before {
 
         Ok(Self {
             key,
-            views: [Changes::new(size, scales[0])?, Changes::new(size, scales[1])?],
+            views: [ViewChanges::new(size, scales[0])?, ViewChanges::new(size, scales[1])?],
             disparity: Plane::new(size.0, size.1)?,
             flags: Plane::new(size.0, size.1)?,
             trust: [like(&map.confidence)?, like(&map.uncertainty)?],
@@ -274,7 +274,7 @@ fn follow(before: &mut [f32], support: &mut [u8], now: &mut [f32], marks: &mut [
     let (before, support, marks) = (&mut before[..count], &mut support[..count], &mut marks[..count]);
     for x in 0..count {
         let (old, new, frames) = (before[x], now[x], support[x]);
-        let is_same = ((new - old).abs() <= SAME_DISPARITY) | (new.is_nan() & old.is_nan());
+        let is_same = ((new - old).abs() <= SAME_THING) | (new.is_nan() & old.is_nan());
         let is_known = (frames > 0) & !marks[x];
         let more = if frames < MEAN_FRAMES { frames + 1 } else { MEAN_FRAMES };
         let mean = old + (new - old) / f32::from(more);

@@ -281,6 +281,12 @@ pub fn parts<'a, T: Copy, const ROWS: usize, const COUNT: usize>(
     parts
 }
 
+/// The places of `0..length` at most `reach` from some.
+#[inline]
+pub fn widened(places: &Range<usize>, reach: usize, length: usize) -> Range<usize> {
+    places.start.saturating_sub(reach)..(places.end + reach).min(length)
+}
+
 /// The places of `0..length` at most `reach` from `place`.
 #[inline]
 pub fn around(place: usize, reach: usize, length: usize) -> Range<usize> {

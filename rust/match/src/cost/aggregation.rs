@@ -13,7 +13,7 @@
 //!             aggregated[y][x][k] = sum[k]
 //! ```
 //!
-//! A line of candidates fills a cache line: 64 bytes, or 32 wider integers. Line by line, the ring stays in
+//! A line of candidates fills a cache line: 64 bytes, or 32 integers of 16 bits. Line by line, the ring stays in
 //! the first-level cache for any number of candidates, and all loops run over arrays of one length.
 //!
 //! Beyond the image, its edge rows and columns are repeated. A shiftable window takes the smallest of the
@@ -35,7 +35,7 @@ use rayon::prelude::*;
 use crate::base::control::Control;
 use crate::base::error::Result;
 use crate::base::memory::{Memory, RunMemory};
-use crate::base::plane::Plane;
+use crate::base::plane::{Plane, widened};
 use crate::base::simd::{Level, Loop};
 use crate::base::value::{LANES, Lanes, Value, nearest};
 use crate::choices::{LARGEST_BYTE_SUM, LEAST_BYTE_SUM};
@@ -430,11 +430,6 @@ fn mixed(stretches: &[Stretch]) -> impl Iterator<Item = &Stretch> {
     stretches.iter().filter(|stretch| stretch.extent == Extent::Part)
 }
 
-/// A range of rows or columns with `by` more on either side, limited to 0 and `end`.
-fn widened(range: &Range<usize>, by: usize, end: usize) -> Range<usize> {
-    range.start.saturating_sub(by)..(range.end + by).min(end)
-}
-
 /// The loop of [`Aggregator::aggregate`], for a line of candidates.
 struct Aggregate<'a, V, const L: usize> {
     aggregator: &'a mut Aggregator<V>,
@@ -468,7 +463,7 @@ impl<V: Value, const L: usize> Aggregate<'_, V, L> {
         let Self { aggregator: Aggregator { windows, boxes }, costs, window, block, mut out } = self;
         let PixelBlock { rows, columns, .. } = block;
         let shift = window.largest_shift();
-        let around = columns.start.saturating_sub(shift)..(columns.end + shift).min(window.cols);
+        let around = widened(columns, shift, window.cols);
         let width = around.len() * L;
         let last = window.rows - 1;
         let mut next = rows.start.saturating_sub(shift);
@@ -598,7 +593,7 @@ impl<V: Value> BoxSums<V> {
         (searched, lanes): (Searched, usize),
     ) -> Result<()> {
         let halo = window.halo();
-        self.around = columns.start.saturating_sub(halo)..(columns.end + halo).min(window.cols);
+        self.around = widened(columns, halo, window.cols);
         self.beyond = halo.saturating_sub(columns.start);
         self.window = window;
         self.searched = searched;

@@ -19,7 +19,7 @@ use crate::base::value::{Value, nearest};
 use crate::cost::unrolled::UnrolledPlane;
 use crate::cost::{Cost, CostInput, Lines, PixelBytes, RowPart};
 use crate::image::intensity::{LEVEL_STEPS, level_planes};
-use crate::image::window_sums::{Beyond, Windows};
+use crate::image::window_sums::Windows;
 use crate::pair::plan::{Demand, Plan};
 use crate::settings::{LARGEST_WINDOW, Settings};
 
@@ -119,8 +119,7 @@ impl Cost for Zncc {
 impl Moments<Plane<f64>> {
     /// The moments of a plane; values within half a neighborhood of its edge are meaningless.
     fn new(plane: &Plane<u16>, side: usize, level: Level, control: &Control) -> Result<Self> {
-        let shape = (plane.rows(), plane.cols());
-        let windows = Windows { size: shape, radius: side / 2, beyond: Beyond::Nothing };
+        let windows = Windows::new(plane.size(), side / 2);
         let pixels = (side * side) as i64;
         let one_gray_level = (pixels * i64::from(LEVEL_STEPS)).pow(2);
 
@@ -130,11 +129,11 @@ impl Moments<Plane<f64>> {
             |_, _, [sum, squares]: [i64; 2]| ((pixels * squares - sum * sum + one_gray_level) as f64).sqrt();
 
         Ok(Self {
-            sums: Plane::by_bands(shape, BAND_ROWS, |first, band| {
+            sums: Plane::by_bands(plane.size(), BAND_ROWS, |first, band| {
                 control.checkpoint()?;
                 windows.write((first, band), values, sum, level)
             })?,
-            spreads: Plane::by_bands(shape, BAND_ROWS, |first, band| {
+            spreads: Plane::by_bands(plane.size(), BAND_ROWS, |first, band| {
                 control.checkpoint()?;
                 windows.write((first, band), values, spread, level)
             })?,

@@ -24,7 +24,7 @@ use std::cmp::Ordering;
 use std::ops::Range;
 
 use crate::base::error::Result;
-use crate::base::plane::{Plane, reserve, zeroed};
+use crate::base::plane::{Plane, around, reserve, zeroed};
 use crate::choices::{LEAST_BORDER, LEAST_MASKED, RAGGED_BORDER, RIM, RIM_LEVELS, SHORTEST_BORDER};
 use crate::image::masking::Mask;
 use crate::image::pixels::{Image, Input};
@@ -314,7 +314,7 @@ fn share_of(count: usize, (rows, cols): (usize, usize)) -> Option<f64> {
 fn with_rim(runs: &[Vec<u32>; 4], more: &[Vec<u32>; 4], far: [u32; 4]) -> [Vec<u32>; 4] {
     [0, 1, 2, 3].map(|side| {
         let (runs, more) = (&runs[side], &more[side]);
-        let near = |at: usize| &runs[at.saturating_sub(RIM)..(at + RIM + 1).min(runs.len())];
+        let near = |at: usize| &runs[around(at, RIM, runs.len())];
         let grown = |at: usize| {
             let is_border = near(at).iter().any(|run| *run > 0);
             let more = if is_border { more[at].min(RIM as u32) } else { 0 };

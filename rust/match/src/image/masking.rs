@@ -7,7 +7,7 @@ use crate::settings::LARGEST_WINDOW;
 /// Which pixels are valid.
 pub type Mask = Plane<bool>;
 
-/// Most rows between a row without a valid value and the row that it copies: codes under the largest kernel
+/// Most rows between a row without a valid value and the row that it copies: codes of an image that is not smoothed
 /// depend on pixels no further away, so rows beyond do not matter to any valid pixel.
 pub const REACH: usize = LARGEST_KERNEL / 2 + LARGEST_WINDOW / 2;
 

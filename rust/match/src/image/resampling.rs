@@ -1,4 +1,5 @@
-//! Images read between their pixels: one Lanczos kernel, `sinc(t) sinc(t / 4)`, for all resampling.
+//! Images read between their pixels: one Lanczos kernel, `sinc(t) sinc(t / 4)`, for all images that are
+//! matched.
 //!
 //! ```text
 //! out(x) = sum over i of weight(i - place(x)) in(i)        weight(t) = sinc(t / s) sinc(t / 4s) / sum of all
@@ -6,8 +7,7 @@
 //!
 //! `s` is 1, or the factor by which an image is reduced, which also smooths it. Weights are multiples of
 //! `2^-14` with sum 1, so sums of integers are exact in any order. The kernel keeps fine texture; linear
-//! interpolation would blur it and make one image softer than the other (bad-1.0 of 12 scenes rotated by 1
-//! degree: see `docs`).
+//! interpolation would blur it and make one image softer than the other.
 
 use std::ops::Range;
 use std::sync::OnceLock;

@@ -23,7 +23,7 @@ use std::ops::Range;
 use crate::base::control::Control;
 use crate::base::error::Result;
 use crate::base::memory::Memory;
-use crate::base::plane::{Plane, reflect};
+use crate::base::plane::{Plane, reflect, widened};
 use crate::base::simd::{Level, leveled};
 use crate::base::value::nearest;
 use crate::image::gray_scale::{FINER_LOG2, LUMINANCE_STEPS};
@@ -103,8 +103,7 @@ pub fn smooth(
         BAND_ROWS,
         || SmoothingBuffers::new(size),
         |buffers, first, out| {
-            let last = first + out.len() / size.1;
-            let windows = first.saturating_sub(RADIUS)..(last + RADIUS).min(size.0);
+            let windows = widened(&(first..first + out.len() / size.1), RADIUS, size.0);
 
             smoothing.write_values(&windows, buffers);
             smoothing.write_shares(windows.len(), buffers)?;

@@ -232,7 +232,7 @@ pub fn window_means<V: Iterator<Item = f32>>(
     values: impl Fn(usize) -> V + Sync,
     level: Level,
 ) -> Result<Plane<f32>> {
-    let windows = Windows { size, radius, beyond: Beyond::Nothing };
+    let windows = Windows::new(size, radius);
     // The sums of 63 x 63 of them fit.
     let steps = |y: usize| values(y).map(|value| [whole(value * STEPS) as u32]);
 

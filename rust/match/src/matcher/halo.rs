@@ -13,8 +13,6 @@ use crate::refinement::Refinement;
 /// Rows on either side of a row of the map.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Halo {
-    /// Rows of the images that the descriptor and the window of one row cover.
-    pub description: usize,
     /// Rows of the images on which the unrefined disparities of one row depend.
     pub images: usize,
     /// Rows of the unrefined map on which one refined row depends.
@@ -31,7 +29,7 @@ impl Halo {
         let compared = (description + Search.reach(plan)).max(TextureAndEdges.reach(plan));
         let images = compared + Images.reach(plan);
 
-        Self { description, images, map: Refinement.reach(plan), masked: masking::REACH }
+        Self { images, map: Refinement.reach(plan), masked: masking::REACH }
     }
 
     /// Rows of the images on which one refined row depends.

@@ -22,10 +22,8 @@ pub struct DraftMap {
 pub struct MapBand<'a> {
     first: usize,
     cols: usize,
-    /// Disparities, row after row.
-    pub disparity: &'a mut [f32],
-    /// Flags, row after row.
-    pub flags: &'a mut [u16],
+    disparity: &'a mut [f32],
+    flags: &'a mut [u16],
     votes: Option<&'a mut [f32]>,
 }
 

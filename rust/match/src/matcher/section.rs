@@ -33,11 +33,6 @@ impl Section {
         Self { rows: 0..pair.size().0, first: 0, roughness: None, ranges: None, tally: None }
     }
 
-    /// The rows and up to `by` more on either side, within the pair.
-    pub fn widened(&self, by: usize, pair: &Pair) -> Range<usize> {
-        self.rows.start.saturating_sub(by)..(self.rows.end + by).min(pair.size().0)
-    }
-
     /// Refuses rows that are outside the pair.
     pub fn check(&self, pair: &Pair) -> Result<()> {
         let Range { start, end } = self.rows.clone();

@@ -4,7 +4,7 @@ use crate::base::plane::Plane;
 use crate::base::simd::{Level, leveled, whole};
 use crate::matcher::Disparity;
 use crate::pair::candidates::Candidates;
-use crate::refinement::calibration::{FAILED, STEPS};
+use crate::refinement::calibration::{FAILED, PART, STEPS};
 use crate::refinement::flag;
 
 /// Shares of the pixels of a map, and their mean confidence.
@@ -52,8 +52,6 @@ struct PixelCounts {
     right: u64,
 }
 
-/// Pixels that are summed in 32 bits.
-const PART: usize = 2048;
 /// Flags of pixels whose disparity does not come from a match within the image.
 const FOREIGN: u16 = flag::OUTSIDE | flag::FILLED | flag::INFERRED | flag::COARSE | flag::SECOND;
 
@@ -116,7 +114,7 @@ impl PixelCounts {
     }
 }
 
-/// Counts pixels with an estimate, flagged ones, and those at either end.
+/// Counts pixels with an estimate, flagged ones, those at either end, coarse, inferred and second ones.
 #[leveled]
 fn count_part(level: Level, disparity: &[f32], flags: &[u16], ends: [f32; 2]) -> [u32; 7] {
     let [mut estimated, mut flagged, mut at_low, mut at_high] = [0; 4];

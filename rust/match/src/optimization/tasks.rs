@@ -6,7 +6,7 @@ use std::ops::Range;
 use rayon::prelude::*;
 
 use crate::base::error::Result;
-use crate::base::plane::Plane;
+use crate::base::plane::{Plane, widened};
 use crate::cost::phase::PhaseCodes;
 use crate::optimization::engine::Chunk;
 use crate::optimization::evidence::{Evidence, EvidenceRow, NONE};
@@ -182,7 +182,7 @@ impl<'a> Request<'a> {
         } else {
             chosen.clone()
         };
-        let rows = seen.start.saturating_sub(radius)..(seen.end + radius).min(height);
+        let rows = widened(&seen, radius, height);
         let [top, bottom, start, end] =
             [seen.start, seen.end, chosen.start, chosen.end].map(|y| (y - rows.start) as u32);
 

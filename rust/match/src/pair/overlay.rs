@@ -25,7 +25,7 @@ use std::ops::Range;
 use crate::base::control::Control;
 use crate::base::error::Result;
 use crate::base::math;
-use crate::base::plane::Plane;
+use crate::base::plane::{Plane, around, widened};
 use crate::base::simd::{Level, leveled};
 use crate::choices::{
     CELLS_AROUND, CERTAIN_BESIDE, CERTAIN_EDGES, CLEAR_EDGES, COLOR_LEVELS, EDGE_MARGIN, EDGE_WIDTH,
@@ -33,7 +33,7 @@ use crate::choices::{
     LEAST_PAINTED, MOST_OVERLAID, OVERLAY_CELL, OVERLAY_COLORS, OVERLAY_REACH, ROWS_OFF, SHARP_EDGE,
 };
 use crate::image::view::{Mask, View};
-use crate::pair::source::{Source, bands, widened};
+use crate::pair::source::{Source, bands};
 
 /// The count of an edge that is equal on both sides; an edge equal on one side counts 1.
 const BOTH: u8 = 16;
@@ -170,8 +170,8 @@ impl Counts {
             let mut next = 0;
             while let Some((y, x)) = area.get(next).copied() {
                 next += 1;
-                let columns = x.saturating_sub(JOINED_CELLS.1)..(x + JOINED_CELLS.1 + 1).min(cols);
-                for y in y.saturating_sub(JOINED_CELLS.0)..(y + JOINED_CELLS.0 + 1).min(rows) {
+                let columns = around(x, JOINED_CELLS.1, cols);
+                for y in around(y, JOINED_CELLS.0, rows) {
                     for x in columns.clone().filter(|x| is_open[y * cols + x]) {
                         area.push((y, x));
                     }
@@ -251,7 +251,7 @@ impl Part<'_> {
         });
 
         let mut is_color = [false; LEVELS];
-        let near = |level: usize| level.saturating_sub(COLOR_LEVELS)..(level + COLOR_LEVELS + 1).min(LEVELS);
+        let near = |level: usize| around(level, COLOR_LEVELS, LEVELS);
         for _ in 0..OVERLAY_COLORS {
             let sum = |level: usize| counts[near(level)].iter().sum::<u32>();
             let best = (0..LEVELS).rev().max_by_key(|level| sum(*level)).unwrap_or(0);

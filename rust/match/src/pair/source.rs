@@ -6,6 +6,7 @@ use std::ops::Range;
 
 use crate::base::control::Control;
 use crate::base::error::Result;
+use crate::base::plane::widened;
 use crate::base::simd::Level;
 use crate::image::conversion::{Conversion, Extent, Scan};
 use crate::image::impulses;
@@ -60,11 +61,6 @@ impl Source for Pair {
 pub fn bands(source: &dyn Source) -> impl Iterator<Item = Range<usize>> {
     let (band, rows) = (source.most_rows(), source.size().0);
     (0..rows).step_by(band).map(move |first| first..(first + band).min(rows))
-}
-
-/// Rows and up to `by` more on either side, within the image.
-pub fn widened(rows: &Range<usize>, by: usize, height: usize) -> Range<usize> {
-    rows.start.saturating_sub(by)..(rows.end + by).min(height)
 }
 
 /// How to convert a whole pair that is read by rows; `first` are some of them, `read` returns others as they

@@ -58,7 +58,7 @@ pub const BINS: usize = 1024;
 /// Steps of a confidence that is summed: integers give the same sum in any order.
 pub const STEPS: f32 = (1 << 20) as f32;
 /// Pixels whose confidences, in steps, sum to less than 2^32.
-const PART: usize = 2048;
+pub const PART: usize = 2048;
 /// Flags of pixels that fail the left-right check or are speckles.
 pub const FAILED: u16 = flag::OCCLUDED | flag::MISMATCHED | flag::SPECKLE;
 

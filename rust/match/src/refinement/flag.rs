@@ -12,7 +12,7 @@ pub const MATCH_MASKED: u16 = 8;
 pub const OCCLUDED: u16 = 16;
 /// The match belongs to another left pixel, although the right image shows this one.
 pub const MISMATCHED: u16 = 32;
-/// Another candidate costs about as much.
+/// The confidence is below the lowest one that was asked for.
 pub const LOW_CONFIDENCE: u16 = 64;
 /// The pixel belongs to a small region that differs from everything around it.
 pub const SPECKLE: u16 = 128;

@@ -4,7 +4,7 @@ use crate::base::control::Control;
 use crate::base::error::Result;
 use crate::base::plane::{Plane, zeroed};
 use crate::base::simd::{Level, leveled};
-use crate::choices::{SAME_SURFACE, SURFACE_REACH};
+use crate::choices::{JUMP, SURFACE_REACH};
 use crate::pair::plan::{Plan, Stage};
 use crate::refinement::window_rows::{BAND, WindowRows, missing_rows};
 
@@ -103,7 +103,7 @@ fn add_pairs<const FIRST: usize>(
 
         for at in FIRST..SIDE {
             let (a, b) = (ahead[x + at] - own[x], behind[x + SIDE - 1 - at] - own[x]);
-            let is_same = (a.abs() <= SAME_SURFACE) & (b.abs() <= SAME_SURFACE);
+            let is_same = (a.abs() <= JUMP) & (b.abs() <= JUMP);
             sum += if is_same { a + b } else { 0.0 };
             count += i32::from(is_same);
         }

@@ -6,7 +6,7 @@
 //! the soft one.
 //!
 //! ```text
-//! for map in the current one, the same eroded, the same dilated by RADIUS:
+//! for map in the current one, the same eroded, the same dilated by SYNTHESIS_RADIUS:
 //!     shown     = the part of the sharp image that each pixel of the soft view shows, by the map
 //!     synthetic = shown under the kernel of its area
 //!     distance  = Hamming distance of the codes of the synthetic and of the soft image
@@ -18,8 +18,8 @@
 //! warped there, with nearer disparities first. The sums are then read at the places of a left pixel under
 //! the smallest and the largest of its disparities, so that all maps are judged at the same places.
 //!
-//! Only codes are compared, so neither contrast nor offset matters. All arithmetic is in integers, by bands
-//! of rows.
+//! Only codes are compared, so neither contrast nor offset matters. Views are rounded to integers, and everything
+//! is computed by bands of rows.
 
 mod view;
 
@@ -28,7 +28,7 @@ use std::ops::Range;
 
 use crate::base::control::Control;
 use crate::base::error::Result;
-use crate::base::plane::{Plane, parts, zeroed};
+use crate::base::plane::{Plane, parts, widened, zeroed};
 use crate::base::simd::{Level, leveled};
 use crate::choices::{SAME_DISPARITY, SYNTHESIS_RADIUS, SYNTHESIS_WINDOW};
 use crate::image::convolution::Kernel as Blur;
@@ -207,7 +207,7 @@ impl<'a> RivalMaps<'a> {
         control: &'a Control,
     ) -> Result<Self> {
         let by = around(pair.settings, pair.compensation)[0];
-        let seen = rows.start.saturating_sub(by)..(rows.end + by).min(disparity.rows());
+        let seen = widened(&rows, by, disparity.rows());
 
         let maps = rivals(disparity, &seen, level)?;
         let columns = differing(&maps, rows.start - seen.start..rows.end - seen.start);
@@ -263,7 +263,7 @@ impl<'a> RivalMaps<'a> {
 
     /// The rows of the band and `by` rows on either side, within the rows that they depend on.
     fn within(&self, by: usize) -> Range<usize> {
-        self.rows.start.saturating_sub(by)..(self.rows.end + by).min(self.seen.end)
+        widened(&self.rows, by, self.seen.end)
     }
 
     /// Replaces disparities of a group's pixels by those of the map that explains them best.
@@ -326,7 +326,6 @@ const SIDE: usize = 2 * SYNTHESIS_RADIUS + 1;
 #[leveled]
 fn column_extremes(level: Level, rows: [&[f32]; SIDE], least: &mut [i32], largest: &mut [i32]) {
     let n = least.len();
-    let least = &mut least[..n];
     let largest = &mut largest[..n];
     least.fill(i32::MAX);
     largest.fill(NONE);

@@ -197,7 +197,7 @@ settings! {
     /// differs by more (OpenCV's `disp12MaxDiff`). None: no check.
     lr_check: Option<usize>, in optional(integer(0, 16_384)), default Some(1), paper None, fast None;
 
-    /// Percent by which the second-best cost must exceed that of the chosen disparity.
+    /// Percent of the second-best cost by which that of the chosen disparity must be lower.
     ///
     /// A pixel is flagged unless its disparity costs less, by at least this percentage, than the best of
     /// those more than one pixel away (OpenCV's `uniquenessRatio`). 0: no check.

@@ -5,12 +5,12 @@
 //! share[d] += (share of the pixels of this frame with disparity d - share[d]) / FADING_FRAMES
 //! high = largest d that enough pixels have, in this frame or by the histogram
 //! if less than half of the reserve is left beyond it:  search up to high + reserve
-//! if more than the whole reserve is left for long:     search up to high + reserve
+//! if more than reserve + SPARE is left for long:       search up to high + reserve
 //! ```
 //!
 //! Any isolated cluster that is large enough keeps the range while it is seen, and for a while after. Only
-//! the near end moves by itself, since things come nearer; the far end is determined when the range is
-//! estimated.
+//! the near end moves by itself, since things come nearer; the far end moves only for things that entered
+//! beyond it ([`Columns::include`]).
 
 use std::ops::Range;
 
@@ -65,7 +65,7 @@ impl Columns {
 
         let reserve = LEAST_RESERVE.max((high - self.searched.start) / RESERVE_DIVISOR);
         let left = self.searched.end - 1 - high;
-        let wanted = (high + 1 + reserve).min(self.searched.start + width as i64);
+        let wanted = (high + 1 + reserve).min(self.searched.start + width.min(MOST_DISPARITIES) as i64);
         if 2 * left < reserve && wanted > self.searched.end {
             self.searched.end = wanted;
             self.shares.resize((wanted - self.searched.start) as usize, 0);

@@ -8,7 +8,8 @@
 //! profiles    = sums of the rows and of the columns of an image
 //! motion(t)   = the shift that best matches the profiles of frame t to those of frame t - 1, along both axes
 //! error(k)    = sum over the last t of |motion of the right image (t) - motion of the left one (t - k)|^2
-//! late by k   : error(0) over the same t >= LEAST_APART + APART error(k), and there is motion
+//! late by k   : error(the lag so far) over the same t
+//!               >= LEAST_APART + APART (error(k) + MOTION_REST per t), and there is motion
 //! ```
 //!
 //! Cameras that rest or move evenly do not show it.

@@ -98,7 +98,7 @@ impl Scale {
 
 /// The means of a view over the frames before, and where the last frame changed.
 #[derive(Debug)]
-pub struct Changes {
+pub struct ViewChanges {
     scale: Scale,
     /// Mean gray levels of the places ...
     mean: Plane<f32>,
@@ -111,7 +111,7 @@ pub struct Changes {
     excess: Plane<f32>,
 }
 
-impl Changes {
+impl ViewChanges {
     /// The state before the first frame.
     pub fn new((rows, cols): (usize, usize), scale: Scale) -> Result<Self> {
         let rows = rows.div_ceil(CHANGE_STEP);
@@ -241,7 +241,7 @@ fn write_excess(
     }
 }
 
-/// Changes and means of a row of places; `excess` has the rows above and below, too.
+/// ViewChanges and means of a row of places; `excess` has the rows above and below, too.
 #[leveled]
 fn update_row(
     level: Level,
@@ -279,8 +279,10 @@ pub fn noise(view: &View, scale: &Scale, runtime: Runtime) -> Result<f32> {
     let (rows, cols) = view.size();
 
     // Second differences need a neighbor on every side.
-    let block_rows = rows.saturating_sub(2) / NOISE_BLOCK;
-    let block_cols = cols.saturating_sub(2) / NOISE_BLOCK;
+    let [block_rows, block_cols] = [rows, cols].map(|length| length.saturating_sub(2) / NOISE_BLOCK);
+    if block_cols == 0 {
+        return Ok(LEAST_NOISE * LEAST_NOISE);
+    }
     let step = (block_rows * block_cols).div_ceil(NOISE_BLOCKS).max(1);
 
     let squares = (0..block_rows.div_ceil(step)).into_par_iter().map(|index| {

@@ -6,7 +6,7 @@ use std::ops::Range;
 
 use super::{ClassGroup, REACH, RivalMaps, around};
 use crate::base::error::Result;
-use crate::base::plane::{Plane, parts, zeroed};
+use crate::base::plane::{Plane, parts, widened, zeroed};
 use crate::base::simd::{Level, Loop, leveled};
 use crate::choices::{BESIDE_GAP, SYNTHESIS_WINDOW};
 use crate::descriptor::{Code, Codes, describe};
@@ -44,7 +44,7 @@ impl<'a> SoftView<'a> {
             }
         };
 
-        let around = columns.start.saturating_sub(by)..(columns.end + by).min(cols);
+        let around = widened(&columns, by, cols);
         let gray = pair.part(group.side, &band.seen, &around)?;
         let soft = band.codes(group.side, gray, None)?;
 
@@ -130,8 +130,7 @@ impl<'a> SoftView<'a> {
         let rows = band.within(REACH);
         let wide = self.columns.len() + 2 * REACH;
         let mut distances = Plane::new(band.rows.len() + 2 * REACH, wide)?;
-        let columns =
-            self.columns.start.saturating_sub(REACH)..(self.columns.end + REACH).min(self.around.end);
+        let columns = widened(&self.columns, REACH, self.around.end);
         let above = REACH - (band.rows.start - rows.start);
         let left = REACH - (self.columns.start - columns.start);
 
@@ -369,7 +368,6 @@ impl<C: Code> Loop for Distances<'_, C> {
 #[leveled]
 fn slide_down(level: Level, enters: &[u8], leaves: Option<&[u8]>, sums: &mut [u16]) {
     let n = sums.len();
-    let sums = &mut *sums;
     let enters = &enters[..n];
 
     if let Some(leaves) = leaves {
