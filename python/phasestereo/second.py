@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import atexit
 import threading
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
+from weakref import WeakSet
 
 from numpy.typing import NDArray
 
@@ -15,6 +18,19 @@ from phasestereo.matchers import OtherMatcher, load_matcher
 from phasestereo.verification import as_claims
 
 _TICK = 0.1  # s between checks for Ctrl-C
+# s that an exit waits for abandoned matchers: a network answers within seconds, and what takes
+# longer probably hangs.
+_LEAVE = 10.0
+
+_started: WeakSet[threading.Thread] = WeakSet()
+
+
+@atexit.register
+def _wait_for_abandoned() -> None:
+    """Let native code return: C++ aborts a process whose interpreter ends beneath a thread."""
+    end = time.monotonic() + _LEAVE
+    for thread in list(_started):
+        thread.join(max(end - time.monotonic(), 0))
 
 
 def as_second(
@@ -123,6 +139,7 @@ class SecondMatcher:
                 found.append(error)
 
         thread = threading.Thread(target=run, daemon=True, name="second matcher")
+        _started.add(thread)  # from the start: Ctrl-C may end the wait for it
         thread.start()
         left = self.timeout
         while thread.is_alive() and left > 0:

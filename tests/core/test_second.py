@@ -4,6 +4,8 @@
 # mypy: no-strict-optional
 
 import re
+import subprocess
+import sys
 import threading
 from collections.abc import Callable
 from dataclasses import astuple
@@ -249,6 +251,28 @@ def test_a_matcher_that_hangs_is_abandoned(scene: Scene) -> None:
         end.set()
     assert same(found, scene.own)
     assert any("no answer within 0.2 s" in one.sentence for one in found.findings)
+
+
+LEAVING = """
+import threading, time
+import numpy as np, phasestereo as ps
+
+def late(left, right):
+    threading.main_thread().join()  # the exit has begun
+    time.sleep(0.5)
+    print("returned", flush=True)
+    return np.zeros(left.shape, np.float32)
+
+pair = np.random.default_rng(0).integers(0, 256, (2, 40, 60), np.uint8)
+ps.match(*pair, second=late, timeout=0.05, threads=1)
+"""
+
+
+def test_an_exit_waits_for_an_abandoned_matcher() -> None:
+    done = subprocess.run(  # noqa: S603 -- this interpreter, our words
+        [sys.executable, "-W", "ignore", "-c", LEAVING], capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stdout) == (0, "returned\n"), done.stderr
 
 
 @pytest.mark.parametrize(
