@@ -121,7 +121,10 @@ def test_a_raw_pair_is_matched(run: Callable[..., Run], sources: list[str]) -> N
     )
 
     assert code == 0, err
-    assert rig.sentences[0] in out
+    if sources == ["saved.npz"]:  # which is a calibration then
+        assert "rows correspond as the calibration says" in out
+    else:
+        assert rig.sentences[0] in out
 
     expected = ps.match(
         rig.left, rig.right, num_disparities=48, left_mask=rig.left_mask, right_mask=rig.right_mask

@@ -387,6 +387,13 @@ def test_cameras_of_two_sizes(tmp_path: Path, scene: Any, by: float) -> None:
     assert found.calibration is not None
     np.testing.assert_allclose(geometry.cam0, found.calibration.cam0, rtol=1e-2)
 
+    # The error is that of the pair at hand, not of the one that the file is from.
+    assert found.error is not None
+    moved = ps.rectify(left, np.roll(right, 6, axis=0), tmp_path / "saved.npz")
+    assert moved.error is not None
+    assert moved.error > 6 / by - 2 > found.error
+    assert "rows do not correspond" in moved.sentences[0]
+
     with pytest.raises(ValueError, match=f"accepts that of the images' 320 x 240 and {cols} x "):
         ps.rectify(left, right[: rows // 2], tmp_path / "chain.yaml")
 

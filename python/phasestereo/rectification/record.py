@@ -62,7 +62,8 @@ class Rectification:
         The interpolation between pixels: "linear", "cubic" or "lanczos".
     error
         Root mean square error of the row correspondence, pixels: measured on the pair with a
-        calibration; without one, expected over the whole image. None: the images share too little.
+        calibration or an earlier rectification; without one, expected over the whole image. None:
+        the images share too little.
     sentences
         Findings, in plain words.
     vertical

@@ -172,7 +172,7 @@ def _rectified_again(
     known: Rectification,
     interpolation: Interpolation | None,
 ) -> Rectification:
-    """Return another pair, rectified like the one before."""
+    """Return another pair, rectified like the one before, and measured: cameras move."""
     if known.maps[0][0].shape != (size := found.pair[0].shape[:2]):
         raise ValueError(
             f"calibration: got that of {known.maps[0][0].shape} pixels; accepts that of the "
@@ -181,7 +181,7 @@ def _rectified_again(
 
     way = interpolation or known.interpolation
     made = _rectified(found, Warp(known.maps, known.Q, known.vertical), known.method, way)
-    return replace(made, error=known.error, sentences=known.sentences, unit=known.unit)
+    return _measured(replace(made, unit=known.unit))
 
 
 def _measured(made: Rectification) -> Rectification:
