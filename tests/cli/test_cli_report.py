@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from phasestereo import io
+from phasestereo_bench.rendering import render_pair
 from support import Run, counterpart
 from support.browser import Browser
 
@@ -79,6 +80,22 @@ def test_a_page_alone_is_something_to_do(match: Callable[[str], Run]) -> None:
         "right.png",
         "truth.pfm",
     ]
+
+
+def test_cameras_found_one_above_the_other_have_a_map_and_no_page(run: Callable[..., Run]) -> None:
+    pair = render_pair(3, height=200, width=300, num_disparities=40)
+    for name, image in (("upper.png", pair.left), ("lower.png", pair.right)):
+        io.write_image(name, np.rot90(image, -1))
+    words = "match", "upper.png", "lower.png", "--num-disparities", 48
+    assert run(*words, "-o", "alone.npy")[0] == 0
+    assert np.abs(np.rot90(np.load("alone.npy")) - pair.truth)[20:-20, 48:-20].mean() < 1
+
+    code, out, err = run(*words, "-o", "map.npy", "--report", "page.html")
+    assert code == 2
+    assert "wrote map.npy" in out
+    assert "--report: no page is written: got cameras one above the other" in err
+    assert not Path("page.html").exists()
+    np.testing.assert_array_equal(np.load("map.npy"), np.load("alone.npy"))
 
 
 def never(*_: object, **__: object) -> None:

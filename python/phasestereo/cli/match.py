@@ -2,7 +2,7 @@
 
 # No `from __future__ import annotations`: cyclopts reads these annotations at run time.
 
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -42,6 +42,8 @@ _PAIR = Group.create_ordered("Pair")
 _GEOMETRY = Group.create_ordered("Geometry", help="For --ply, --mesh, --depth and --report.")
 _SCORE = Group.create_ordered("Score")
 _SETTINGS = Group.create_ordered("Expert settings", help=SETTINGS_HELP)
+# Pages show disparities along rows.
+_NO_PAGE = "no page is written: got cameras one above the other; accepts cameras side by side"
 _OUTPUTS, _NO_GEOMETRY, _SCORING = Outputs(), GeometryOptions(), Scoring()
 _AS_IT_IS = Pairing()
 
@@ -128,12 +130,11 @@ def match(
         images = views[0].image, views[1].image
         truth = scoring.read(images[0].shape[:2])
 
-        # Only the match shows whether cameras are vertical, and the page shows them side by side.
-        vertical = False if outputs.report and not pairing.vertical else pairing.vertical
-        if rectified is not None:
-            vertical = rectified.vertical if pairing.vertical is None else pairing.vertical
+        vertical = pairing.vertical
+        if vertical is None and rectified is not None:
+            vertical = rectified.vertical
         if vertical and outputs.report:
-            raise wrong("report", "got cameras one above the other; accepts cameras side by side")
+            raise wrong("report", _NO_PAGE)
         rig = geometry.read(images[0].shape[:2], rectified, views[0].focal)
 
         num_disparities = num_disparities or (None if rig is None else rig.calibration.ndisp)
@@ -165,6 +166,9 @@ def match(
             timeout=timeout,
         )
 
+    without_page = outputs.report is not None and result.vertical
+    if without_page:  # the match itself has found it out, and the map is right
+        outputs = replace(outputs, report=None)
     if result.search is not None:
         disparities = result.search.min_disparity, result.search.num_disparities
 
@@ -179,5 +183,7 @@ def match(
         written = outputs.write(outcome)
 
     show(outcome, written, as_json=outputs.json)
+    if without_page:
+        raise wrong("report", _NO_PAGE)
     if strict:
         refuse_untrusted(result.findings)
