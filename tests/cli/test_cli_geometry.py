@@ -146,6 +146,13 @@ def test_what_is_kept_is_the_same_in_every_file(match: Callable[[str], Run]) -> 
     assert np.nanmin(known) >= 900
     assert np.nanmax(known) <= 1100
 
+    far = f"{files} --min-depth {np.nanmedian(known)}"
+    kept = json.loads(match(f"{far} --json")[1])["geometry"]["kept"]
+    share = np.isfinite(np.load("depth.npz")["depth"]).mean()
+    assert 0.3 < share < 0.7
+    assert kept["share"] == pytest.approx(share)
+    assert f"depths and points: {share:.1%} of the pixels (trusted" in match(far)[1]
+
     code, _, err = match(f"{files} --min-depth 9 --max-depth 5")
     assert (code, err) == (
         WRONG,

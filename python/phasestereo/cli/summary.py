@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -13,12 +13,13 @@ from rich.table import Table
 
 import phasestereo
 from phasestereo._numbers import as_json as plain
+from phasestereo.cli.geometry import Rig
 from phasestereo.cli.outputs import Outcome
 from phasestereo.cli.terminal import print_json, print_lines
 from phasestereo.metrics import Score
 from phasestereo.metrics.scores import unit_of
-from phasestereo.result import Keep, Result, count_flags, describe_flags
-from phasestereo.views.depths import Ranging
+from phasestereo.result import Result, count_flags, describe_flags
+from phasestereo.views.depths import Ranging, depths_of
 
 _BASELINES = 0.001, 20.0  # meters, of cameras on one mount
 
@@ -64,7 +65,7 @@ def _as_dict(outcome: Outcome, files: Mapping[str, str]) -> dict[str, Any]:
             "yaw": geometry.yaw,
             "yaw_share": geometry.share[0],
             "moved": geometry.moved,
-            "kept": _kept(result, outcome.rig.selection.keep),
+            "kept": _kept(result, outcome.rig, geometry),
             "focal": geometry.calibration.focal,
             "baseline": geometry.calibration.baseline,
             "unit": geometry.calibration.unit,
@@ -76,12 +77,13 @@ def _as_dict(outcome: Outcome, files: Mapping[str, str]) -> dict[str, Any]:
     return plain(summary)
 
 
-def _kept(result: Result, keep: Keep) -> dict[str, Any]:
+def _kept(result: Result, rig: Rig, geometry: Ranging) -> dict[str, Any]:
     """Return the kind of pixels that become depths, their share, and their share of errors.
 
-    The last one is NaN without confidences.
+    The last one is NaN without confidences. With --decimate, these are the pixels to choose from.
     """
-    pixels = result.kept(keep)
+    keep = rig.selection.keep
+    pixels = np.isfinite(depths_of(result, geometry, replace(rig.selection, decimate=1)).depth)
     sure = np.empty(0) if result.confidence is None else result.confidence[pixels]
     wrong = 1 - float(sure.mean()) if sure.size else math.nan
     return {"keep": keep, "share": float(pixels.mean()), "wrong": wrong}
@@ -105,14 +107,14 @@ def _lines(outcome: Outcome, files: Mapping[str, str]) -> list[str]:
         f"trusted {result.trusted.mean():.1%}, flagged: {describe_flags(result.flags)}",
         *(() if outcome.rectified is None else outcome.rectified.sentences),
         *([] if result.blur is None else [f"blur: {result.blur}"]),
-        *([] if rig is None else _geometry(rig.ranging(result))),
-        *([] if rig is None else [_kept_in_words(**_kept(result, rig.selection.keep))]),
+        *([] if rig is None else _geometry(rig, result)),
         *(f"wrote {path}" for path in files.values()),
     ]
 
 
-def _geometry(found: Ranging) -> list[str]:
-    """Describe the source of the depths, and their accuracy."""
+def _geometry(rig: Rig, result: Result) -> list[str]:
+    """Describe the source of the depths, their accuracy, and how many there are."""
+    found = rig.ranging(result)
     known = found.calibration
     unit: str = known.unit or "a unit that is not known (--unit)"
     if known.unit and not _BASELINES[0] <= known.in_meters().baseline <= _BASELINES[1]:
@@ -120,7 +122,7 @@ def _geometry(found: Ranging) -> list[str]:
     said = (
         f"baseline {known.baseline:.6g}, and depths, in {unit}; focal length {known.focal:.6g} px"
     )
-    return [said, str(found)]
+    return [said, str(found), _kept_in_words(**_kept(result, rig, found))]
 
 
 def _kept_in_words(keep: str, share: float, wrong: float) -> str:
