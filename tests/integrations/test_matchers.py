@@ -197,6 +197,19 @@ def test_an_object_of_opencv(kind: str, channels: int) -> None:
     assert not (found < 0).any(), "what is missing is NaN, not -1"
 
 
+@pytest.mark.parametrize("gray", ["left", "right"])
+def test_opencv_takes_a_gray_image_beside_a_color_one(gray: str) -> None:
+    cv2 = counterpart("cv2")
+    color = list(shifted(3))
+    alone = [cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for image in color]
+    color[gray == "right"] = alone[gray == "right"]
+    for name in ("sgbm", "bm", "StereoBM_create", "StereoSGBM_create"):
+        made = getattr(cv2, name)(numDisparities=16, blockSize=9) if "_" in name else name
+        matcher = load_matcher(made)
+        found, expected = (matcher(pair[0], pair[1], 16) for pair in (color, alone))
+        np.testing.assert_array_equal(found, expected)
+
+
 def test_our_stand_in_for_opencv_is_such_an_object() -> None:
     stereo = ps.opencv.StereoPhase_create(minDisparity=0, numDisparities=16)
     found = load_matcher(stereo)(*shifted(3))

@@ -115,10 +115,11 @@ def match_sgbm(
     ImportError
         If OpenCV is not installed.
     """
-    count, channels = _sixteens(num_disparities), 1 if left.ndim == 2 else left.shape[2]
+    images, count = _alike(left, right), _sixteens(num_disparities)
+    channels = 1 if images[0].ndim == 2 else images[0].shape[2]
     full = f"STEREO_SGBM_MODE_{mode}"
     matcher = create_sgbm(count, full, channels=channels, options=options)
-    found = matcher.compute(*(_continued(image, count, 0) for image in (left, right)))
+    found = matcher.compute(*(_continued(image, count, 0) for image in images))
     return _disparities(found[:, count:])
 
 
@@ -137,7 +138,8 @@ def match_by(matcher: Any, left: Image, right: Image, _num_disparities: int) -> 
     Raises
     ------
     ImportError
-        If it is a StereoBM, the images are colored, and OpenCV is not installed.
+        If it is a StereoBM or one image alone is gray, the other is colored, and OpenCV is not
+        installed.
     """
     least = int(getattr(matcher, "getMinDisparity", lambda: 0)())
     count = int(getattr(matcher, "getNumDisparities", lambda: 0)())
@@ -146,13 +148,20 @@ def match_by(matcher: Any, left: Image, right: Image, _num_disparities: int) -> 
     if "BM" in type(matcher).__name__ and "SGBM" not in type(matcher).__name__:
         images = _gray(require("cv2", extra="opencv"), left, right)
     else:
-        images = [image if image.ndim == 2 else image[:, :, ::-1] for image in (left, right)]
+        images = [image if image.ndim == 2 else image[:, :, ::-1] for image in _alike(left, right)]
 
     answer = np.asarray(matcher.compute(*(_continued(image, margin, 0) for image in images)))
     found = answer[:, margin:]
     if found.dtype == np.int16:
         return _disparities(found, 16 * least)
     return found.astype(np.float32)
+
+
+def _alike(left: Image, right: Image) -> list[Image]:
+    """Return both images as they are, or in gray if one of them is: OpenCV refuses such pairs."""
+    if left.ndim == right.ndim:
+        return [left, right]
+    return _gray(require("cv2", extra="opencv"), left, right)
 
 
 def _gray(cv2: Any, *images: Image) -> list[Image]:
