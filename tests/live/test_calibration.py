@@ -264,6 +264,22 @@ def test_what_is_wrong_with_the_pictures_is_said(pairs: Pairs, case: str) -> Non
         live.calibrate(spoil(pairs[:6]), board="9x6", square=SQUARE)
 
 
+def test_pairs_without_a_board_are_refused_whatever_resembles_one(
+    pairs: Pairs, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def finds(_image: object, _size: object, flags: int) -> tuple[bool, Any, Any]:
+        """Find 3 x 3 corners in the search that is thorough, as in photographs of anything."""
+        grid = np.stack(np.meshgrid(np.arange(3.0), np.arange(3.0)), axis=2).reshape(-1, 1, 2)
+        return bool(flags & cv2.CALIB_CB_EXHAUSTIVE), grid, np.zeros((3, 3), np.uint8)
+
+    monkeypatch.setattr(cv2, "findChessboardCornersSBWithMeta", finds)
+    message = (
+        "^left: the chessboard is found in both views of 0 of 6 pairs; accepts 6 or more; give"
+    )
+    with pytest.raises(ValueError, match=message):
+        live.calibrate(pairs[:6])
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

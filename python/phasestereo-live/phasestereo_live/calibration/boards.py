@@ -97,7 +97,8 @@ class Board:
             found = self._find_charuco(image)
             return [] if found is None else [found]
 
-        grid = self.grid(image)
+        # Without a size, the thorough search takes textures for boards, of any size.
+        grid = None if self.size is None else self.grid(image)
         if grid is None:
             return []
         return [as_ordered(each, self) for each in (grid, self._refined(image, grid))]

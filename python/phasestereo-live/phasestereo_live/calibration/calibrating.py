@@ -172,10 +172,13 @@ def _look(
         reasons = [view.reason for view in views if len(view.left) == 0]
         more = f"and {len(reasons) - _NAMED} more" if len(reasons) > _NAMED else ""
         why = "; ".join(filter(None, [*reasons[:_NAMED], more]))
+        hint = "; without a given board its size is found"
+        if board.size is None:
+            hint = f"; give its inner corners, as 9x6, if the first {_EARLY} pairs do not show it"
         raise ValueError(
             f"left: the {board} is found in both views of {good} of {len(views)} pairs; accepts "
             f"{LEAST_VIEWS} or more"
-            + ("" if good or board.dictionary else "; without a given board its size is found")
+            + ("" if good or board.dictionary else hint)
             + (f": {why}" if why else "")
         )
     return board, ways, size
