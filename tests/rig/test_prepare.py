@@ -388,6 +388,28 @@ def test_the_commands_write_what_python_returns(
     assert out.endswith("of the pixels have a disparity\n")
     np.testing.assert_array_equal(ps.io.read_disparity("out.pfm"), pair.restore(claims))
 
+    # As OpenCV has them; a PNG is not in KITTI's format then.
+    sixteenths = (16 * claims).astype(np.int16)
+    sixteenths[::3] = -16
+    unsigned = sixteenths.clip(0).astype(np.uint16)
+    np.save("signed.npy", sixteenths)
+    np.save("unsigned.npy", unsigned)
+    ps.io.write_image("unsigned.png", unsigned)
+    ps.io.write_disparity("floats.pfm", sixteenths.astype(np.float32))
+    tifffile = counterpart("tifffile")
+    tifffile.imwrite("signed.tif", sixteenths)
+    for name in ("signed.npy", "signed.tif", "floats.pfm", "unsigned.npy", "unsigned.png"):
+        command = ["restore", name, "--back", "back.json", "-o", "out.npy"]
+        code, _, err = run(*command, "--unit", "sixteenths")
+        assert (code, err) == (0, "")
+        expected = unsigned if "unsigned" in name else sixteenths
+        np.testing.assert_array_equal(np.load("out.npy"), pair.restore(expected, unit="sixteenths"))
+    for name in ("signed.npy", "signed.tif"):
+        code, _, err = run("restore", name, "--back", "back.json", "-o", "out.npy")
+        assert code == 1
+        assert "this is int16" in err
+        assert "sixteenths of a pixel by their unit" in err
+
 
 @pytest.mark.parametrize(
     ("words", "message"),

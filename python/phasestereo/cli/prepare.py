@@ -13,6 +13,7 @@ import phasestereo
 from phasestereo.cli.errors import WRONG_USAGE, CommandError, claim, refusals, show_findings
 from phasestereo.cli.terminal import print_json, print_lines
 from phasestereo.io import read_disparity, write_disparity, write_image
+from phasestereo.io.disparity import read_sixteenths
 from phasestereo.preparation import Restoration, Unit, prepare as prepare_pair
 from phasestereo.rig.findings import untrusted, unwarned
 
@@ -128,11 +129,12 @@ def restore(
         The map to write: .pfm, .npy, .tif, or .png in KITTI's format.
     unit
         Unit of the values: pixels, or sixteenths of a pixel, as OpenCV's matchers return them, with
-        negative values missing.
+        negative values missing. Sixteenths may be 16-bit integers: .npy, .tif or .png.
     """
     claim([("output", output)], [disparity, back])
     with refusals():
-        found = Restoration.load(back).restore(read_disparity(disparity), unit=unit)
+        read = read_sixteenths if unit == "sixteenths" else read_disparity
+        found = Restoration.load(back).restore(read(disparity), unit=unit)
         write_disparity(output, found)
     known = float(np.isfinite(found).mean())
     print_lines([f"{known:.1%} of the pixels have a disparity"])

@@ -14,6 +14,10 @@ from phasestereo.io.image import read_image, write_image
 from phasestereo.io.maps import FLOAT_SUFFIXES, check_map, known_suffix, read_stored, write_floats
 from phasestereo.io.pixels import channels
 
+_HINTS = {
+    "int16": " (restore takes OpenCV's sixteenths of a pixel by their unit)",
+    "uint8": " (read_truth reads gray-coded maps of any scale)",
+}
 _KITTI_SCALE = 256
 _KITTI_END = 65535.5 / _KITTI_SCALE  # the first value to round to 65536
 
@@ -51,10 +55,21 @@ def read_disparity(path: StrPath) -> NDArray[np.float32]:
     .. [1] M. Menze, A. Geiger, Object scene flow for autonomous vehicles, CVPR 2015; the stereo
        development kit, https://www.cvlibs.net/datasets/kitti/eval_scene_flow.php
     """
-    stored = read_stored(path, "disparity", hint=" (read_truth reads gray-coded maps of any scale)")
+    stored = read_stored(path, "disparity", hints=_HINTS)
     if stored.dtype == np.uint16:
         return _decode_gray(stored, scale=_KITTI_SCALE, unknown=0)
     return np.where(np.isfinite(stored), stored, np.float32(np.nan))
+
+
+def read_sixteenths(path: StrPath) -> NDArray[Any]:
+    """Read a map of sixteenths of a pixel as it is stored: int16, as OpenCV's, uint16 or float32.
+
+    Raises
+    ------
+    OSError, ValueError, ImportError
+        As `read_disparity`.
+    """
+    return read_stored(path, "disparity", dtypes=("int16", "uint16", "float32"))
 
 
 def write_disparity(path: StrPath, disparity: NDArray[np.floating[Any]]) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, BinaryIO, cast
 
@@ -88,12 +88,23 @@ def read_image(path: StrPath) -> Pixels:
     the picture, the picture is read. TIFF is read uncompressed or with deflate or PackBits, and
     with LZW if the package ``imagecodecs`` is installed; `read_geotiff` reads further compressions.
     """
+    return cast("Pixels", read_samples(path, _DTYPES))
+
+
+def read_samples(path: StrPath, dtypes: Sequence[str]) -> NDArray[Any]:
+    """Read a file as `read_image` does, of one of these dtypes.
+
+    Raises
+    ------
+    OSError, ValueError, ImportError
+        As `read_image`.
+    """
     with decoding(path) as file:
         head = file.read(8)
         file.seek(0)
         for magics, decode in _DECODERS.items():
             if head.startswith(magics):
-                return as_image(decode(file))
+                return _as_samples(decode(file), dtypes)
 
         raise ValueError(
             "not an image of a known format: PNG, PBM/PGM/PPM, JPEG, WebP, HEIF, BMP, TIFF, .npy "
@@ -132,6 +143,10 @@ def read_mask(path: StrPath | None, *, level: int = 1) -> NDArray[np.bool_] | No
 
 def as_image(samples: NDArray[Any]) -> Pixels:
     """Check that decoded samples form an image, and return it in its type and shape in memory."""
+    return cast("Pixels", _as_samples(samples, _DTYPES))
+
+
+def _as_samples(samples: NDArray[Any], dtypes: Sequence[str]) -> NDArray[Any]:
     if samples.shape[2:] == (1,):
         samples = samples[:, :, 0]
 
@@ -142,9 +157,10 @@ def as_image(samples: NDArray[Any]) -> Pixels:
         with np.errstate(over="raise"):
             samples = samples.astype(np.float32)
 
-    if samples.dtype.name not in _DTYPES:
-        raise ValueError(f"samples of type {samples.dtype}, an image has uint8, uint16 or float32")
-    return cast("Pixels", np.ascontiguousarray(samples, samples.dtype.newbyteorder("=")))
+    if samples.dtype.name not in dtypes:
+        accepted = f"{', '.join(dtypes[:-1])} or {dtypes[-1]}"
+        raise ValueError(f"samples of type {samples.dtype}; accepts {accepted}")
+    return np.ascontiguousarray(samples, samples.dtype.newbyteorder("="))
 
 
 def write_image(path: StrPath, image: Pixels) -> None:

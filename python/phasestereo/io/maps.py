@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -10,11 +12,12 @@ from numpy.typing import NDArray
 
 from phasestereo._images import as_numbers
 from phasestereo.io.files import StrPath, suffix
-from phasestereo.io.image import read_image, write_image
+from phasestereo.io.image import read_samples, write_image
 from phasestereo.io.pixels import channels
 
 FLOAT_SUFFIXES = (".pfm", ".npy", ".tif", ".tiff")
 _SUFFIXES = (*FLOAT_SUFFIXES, ".png")
+_DTYPES = ("uint8", "uint16", "int16", "float32")
 
 
 def known_suffix(path: StrPath, name: str, *more: str) -> str:
@@ -38,8 +41,25 @@ def check_map(values: NDArray[np.floating[Any]], name: str) -> NDArray[np.float3
     return checked
 
 
-def read_stored(path: StrPath, name: str, *, hint: str = "") -> NDArray[Any]:
-    """Read a map as it is stored: uint16 from a PNG, else float32.
+def read_stored(
+    path: StrPath,
+    name: str,
+    *,
+    dtypes: Sequence[str] = (),
+    hints: Mapping[str, str] = MappingProxyType({}),
+) -> NDArray[Any]:
+    """Read a map as it is stored.
+
+    Parameters
+    ----------
+    path
+        The file.
+    name
+        What it maps, for messages.
+    dtypes
+        The accepted dtypes. Default: uint16 from a PNG, else float32.
+    hints
+        What messages add for other dtypes.
 
     Raises
     ------
@@ -47,14 +67,14 @@ def read_stored(path: StrPath, name: str, *, hint: str = "") -> NDArray[Any]:
         If the suffix is unknown, or the file is damaged or does not hold a map.
     """
     ending = known_suffix(path, name)
-    stored = read_image(path)
-    expected = np.uint16 if ending == ".png" else np.float32
+    stored = read_samples(path, _DTYPES)
+    accepted = dtypes or (("uint16",) if ending == ".png" else ("float32",))
 
-    if channels(stored.shape) != 1 or stored.dtype != expected:
+    if channels(stored.shape) != 1 or stored.dtype.name not in accepted:
         raise ValueError(
-            f"{os.fspath(path)}: a {name} map in {ending} is {np.dtype(expected)} of shape "
+            f"{os.fspath(path)}: a {name} map in {ending} is {' or '.join(accepted)} of shape "
             f"(H, W), this is {stored.dtype} of shape {stored.shape}"
-            f"{hint if ending == '.png' else ''}"
+            f"{hints.get(stored.dtype.name, '')}"
         )
     return stored
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from phasestereo.io.limits import check_size
 
-_DTYPES = ("uint8", "uint16", "float32", "float64")
+_DTYPES = ("uint8", "uint16", "int16", "float32", "float64")
 _MAGIC = 8  # bytes before the length of the header
 _LONGEST_HEADER = 2**14  # bytes; an image has about 120
 _MOST_ARRAYS = 256
@@ -26,7 +26,7 @@ _METHODS = zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED  # as NumPy writes; others m
 
 
 def decode_npy(file: BinaryIO) -> NDArray[Any]:
-    """Decode an array of numbers that images are made of, whatever its shape.
+    """Decode an array of numbers that images or maps are made of, whatever its shape.
 
     Raises
     ------
@@ -36,7 +36,9 @@ def decode_npy(file: BinaryIO) -> NDArray[Any]:
     """
     shape, fortran_order, dtype = read_header(file)
     if dtype.name not in _DTYPES:
-        raise ValueError(f"the array has dtype {dtype}, an image has one of {', '.join(_DTYPES)}")
+        raise ValueError(
+            f"the array has dtype {dtype}, images and maps have one of {', '.join(_DTYPES)}"
+        )
 
     count = check_length(file, shape, dtype, os.fstat(file.fileno()).st_size)
     if len(shape) > 1 and 0 not in shape:
