@@ -396,8 +396,7 @@ def test_the_commands_write_what_python_returns(
     np.save("unsigned.npy", unsigned)
     ps.io.write_image("unsigned.png", unsigned)
     ps.io.write_disparity("floats.pfm", sixteenths.astype(np.float32))
-    tifffile = counterpart("tifffile")
-    tifffile.imwrite("signed.tif", sixteenths)
+    counterpart("cv2").imwrite("signed.tif", sixteenths)
     for name in ("signed.npy", "signed.tif", "floats.pfm", "unsigned.npy", "unsigned.png"):
         command = ["restore", name, "--back", "back.json", "-o", "out.npy"]
         code, _, err = run(*command, "--unit", "sixteenths")

@@ -85,8 +85,9 @@ def read_image(path: StrPath) -> Pixels:
     gamma and PNG's transparent color are ignored. Pictures are turned by the EXIF orientation of
     JPEG, PNG and WebP files and by that of HEIF, as viewers and ``cv2.imread`` do. HEIF of more
     than 8 bits is returned as the high bits of 16. From a JPEG with previews or a gain map behind
-    the picture, the picture is read. TIFF is read uncompressed or with deflate or PackBits, and
-    with LZW if the package ``imagecodecs`` is installed; `read_geotiff` reads further compressions.
+    the picture, the picture is read. TIFF is read uncompressed or with deflate, PackBits or LZW;
+    LZW of a few rare kinds, such as images that are turned, only if the package ``imagecodecs`` is
+    installed. `read_geotiff` reads further compressions.
     """
     return cast("Pixels", read_samples(path, _DTYPES))
 
