@@ -64,8 +64,8 @@ def match(
     num_disparities
         Number of disparities to search, from 1 to the images' width, at most 16384. None: the range
         is found from small copies of the images, up to 45 % of the width either way and, if these
-        match badly there, up to 75 %. `min_disparity` must then be 0. If nothing is found, the range
-        is a third of the width. ``result.search`` reports the range and its origin.
+        match badly there, up to 75 %. `min_disparity` must then be 0. If nothing is found, a third
+        of the width is searched. ``result.search`` reports the range and its origin.
     min_disparity
         Smallest disparity; those in [min_disparity, min_disparity + num_disparities) are searched.
     preset

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy import ndimage
 
 import phasestereo as ps
 from phasestereo import _core, io
@@ -181,6 +182,13 @@ def test_disparities_beyond_the_images_are_not_searched(scene: Scene) -> None:
     assert found.result.search.num_disparities < 2 * RANGE
     assert share(found, ps.Verdict.SUPPORTED, np.abs(claims) > WIDTH) == 0
     assert any("outside the right image" in each.sentence for each in found.findings)
+
+
+@pytest.mark.parametrize("by", [0.5, 2, 3])
+def test_a_wrong_map_of_a_distant_scene_is_in_pixels(scene: Scene, by: float) -> None:
+    moved = ndimage.shift(scene.left.astype(np.float32), (0, -by, 0)[: scene.left.ndim], order=3)
+    found = ps.verify(scene.left.astype(np.float32), moved, np.full(moved.shape[:2], 20.0))
+    assert not any("times too large" in one.sentence for one in found.findings)
 
 
 def test_a_claim_beyond_the_range_that_is_found_is_searched(scene: Scene) -> None:

@@ -319,6 +319,12 @@ proptest! {
 }
 
 #[test]
+fn a_video_one_column_wide_is_filtered() {
+    let frames = sequence((12, 1), 0, 3);
+    assert_eq!(at_every_level(|level| filtered(&frames, level)), expected(&frames));
+}
+
+#[test]
 fn the_sequences_have_all_that_may_happen() {
     let found = expected(&sequence((40, 70), 0, 5));
     let (_, _, _, last) = found.last().expect("frames");
