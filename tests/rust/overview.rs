@@ -27,7 +27,7 @@ fn random(salt: u64, y: usize, x: usize) -> usize {
 }
 
 fn map(disparity: Plane<f32>) -> RoughMap {
-    RoughMap { unsure: disparity.clone(), disparity, field: None, confidence: 0.9 }
+    RoughMap { run: extent(&disparity), unsure: disparity.clone(), disparity, field: None, confidence: 0.9 }
 }
 
 /// Copies as large as the pair, valid everywhere.

@@ -213,7 +213,7 @@ mod tests {
         });
         let gray = Plane::from_fn(rows, cols, |y, x| if thing(y, x) { 200.0 } else { 50.0 });
         let copies = Overview::of_planes([gray.clone(), gray]);
-        let map = RoughMap { unsure: disparity.clone(), disparity, field: None, confidence: 1.0 };
+        let map = RoughMap { unsure: disparity.clone(), disparity, run: None, field: None, confidence: 1.0 };
         Signs::new(&copies, &map, false)
     }
 
@@ -233,7 +233,7 @@ mod tests {
         let gray = Plane::from_fn(SIZE.0, SIZE.1, |_, _| 50.0);
         let copies = Overview::of_planes([gray.clone(), gray]);
         let disparity = Plane::from_fn(SIZE.0, SIZE.1, |_, x| (x / 4) as f32);
-        let map = RoughMap { unsure: disparity.clone(), disparity, field: None, confidence: 1.0 };
+        let map = RoughMap { unsure: disparity.clone(), disparity, run: None, field: None, confidence: 1.0 };
         let ground = [true, false].map(|is_turned| Signs::new(&copies, &map, is_turned).ground);
         assert!(ground[0] > 0.99 && ground[1].abs() < 0.01, "{ground:?}");
     }

@@ -5,7 +5,7 @@ use std::cmp::Reverse;
 use std::ops::Range;
 
 use super::areas::{Area, BLOCK, areas, fine_areas};
-use super::extent::{FEW, Span, extent, known};
+use super::extent::{FEW, Span, known};
 use super::order::{Order, Signs};
 use super::overview::{
     self, COARSE_WIDTH, FINE, GOOD_CONFIDENCE, Guess, LEAST_SIZE, Overview, ROUGH, RoughMap, fine_factor,
@@ -173,7 +173,7 @@ pub fn range(
     // Repeating texture matches badly, but its periods are seen.
     let fine = copies.fine;
     let periods = periods(fine, map.field.as_ref(), runtime)?;
-    let run = extent(&map.disparity).filter(|_| map.confidence >= LEAST_CONFIDENCE);
+    let run = map.run.filter(|_| map.confidence >= LEAST_CONFIDENCE);
     let Some(mut ends) = (match run {
         Some(run) => Some(Ends::of_run(copies, map, run, runtime)?),
         None => periods.map(|periods| Ends::of_span(periods, fine.factor)),
@@ -627,7 +627,7 @@ impl Overview {
             }
         }
         // A quarter of the range on either side covers what the smaller copies miss.
-        let (low, high) = extent(&map.disparity).unwrap_or_else(|| coarse.widest());
+        let (low, high) = map.run.unwrap_or_else(|| coarse.widest());
         let around = ((high - low) / 4).max(2);
         let finer = (coarse.factor / self.factor) as isize;
         self.matched(((low - around) * finer, (high + around + 1) * finer), field, ROUGH, runtime)
@@ -636,7 +636,7 @@ impl Overview {
     /// Whether the disparities of a map over the widest span end where the span does.
     fn is_cut_off(&self, map: &RoughMap) -> bool {
         let (lowest, highest) = self.widest();
-        extent(&map.disparity).is_none_or(|(low, high)| low <= lowest || high >= highest)
+        map.run.is_none_or(|(low, high)| low <= lowest || high >= highest)
     }
 }
 

@@ -284,7 +284,8 @@ mod tests {
         let plane = |value: &dyn Fn(usize, usize) -> f64| Plane::from_fn(160, 220, |y, x| value(y, x) as f32);
         let planes = [plane(&|y, x| left(y, x, gray(y, x))), plane(&|y, x| gray(y, x + 10))];
         let disparity = Plane::from_fn(160, 220, disparity);
-        let rough = RoughMap { unsure: disparity.clone(), disparity, field: None, confidence: 1.0 };
+        let rough =
+            RoughMap { unsure: disparity.clone(), disparity, run: None, field: None, confidence: 1.0 };
 
         let overview = Overview::of_planes(planes);
         Contrast::new(&overview, &rough, &[WHOLE; 2])
