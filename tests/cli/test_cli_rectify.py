@@ -19,7 +19,7 @@ from support.rigs import SIZE, cv2, made_up
 
 counterpart("scipy")
 
-WRONG, FAILED = 2, 1
+UNTRUSTED, WRONG, FAILED = 3, 2, 1
 
 
 @pytest.fixture(scope="module")
@@ -130,6 +130,31 @@ def test_a_raw_pair_is_matched(run: Callable[..., Run], sources: list[str]) -> N
         rig.left, rig.right, num_disparities=48, left_mask=rig.left_mask, right_mask=rig.right_mask
     )
     np.testing.assert_array_equal(np.load("o.npy"), expected.disparity)
+
+
+@pytest.mark.parametrize("lower", [0, 5])
+def test_a_calibration_that_the_images_refute_is_a_warning(
+    run: Callable[..., Run], lower: int
+) -> None:
+    pair = render_pair(3, height=SIZE[1], width=SIZE[0], num_disparities=24)
+    io.write_image("left.png", pair.left)
+    io.write_image("right.png", np.roll(pair.right, lower, axis=0))
+    ideal = np.array([[150.0, 0, SIZE[0] / 2], [0, 150, SIZE[1] / 2], [0, 0, 1]])
+    rig = made_up() | {"K1": ideal, "K2": ideal, "D1": np.zeros(5), "D2": np.zeros(5)}
+    np.savez("ideal.npz", allow_pickle=False, **rig | {"R": np.eye(3), "T": [-0.1, 0, 0]})
+    found = ps.rectify("left.png", "right.png", "ideal.npz")
+    found.save("saved.npz")
+    assert found.refuted == bool(lower)
+
+    for source in ("ideal.npz", "saved.npz"):
+        arguments = "match", "left.png", "right.png", "--num-disparities", 32, "--rectify", source
+        code, _, err = run(*arguments, "--strict")
+        assert code == (UNTRUSTED if lower else 0)
+        assert (f"phasestereo: warning: {found.sentences[0]}\n" in err) == bool(lower)
+        code, out, _ = run(*arguments, "--json")
+        assert code == 0
+        said = [one["sentence"] for one in json.loads(out)["findings"]]
+        assert (found.sentences[0] in said) == bool(lower)
 
 
 def test_q_of_a_calibration_is_the_geometry(run: Callable[..., Run]) -> None:

@@ -27,7 +27,9 @@ from phasestereo.cli.terminal import progress_bar
 from phasestereo.io.image import read_mask
 from phasestereo.known import Known
 from phasestereo.matching import match as match_pair
-from phasestereo.rig.findings import unwarned
+from phasestereo.rectification import Rectification
+from phasestereo.result import Result
+from phasestereo.rig.findings import Finding, unwarned
 from phasestereo.settings import PRESET, Settings, resolve
 
 _USUAL, _MOST_USUAL = 10, 200  # the most a disparity usually is: width / 10, and 200 pixels
@@ -172,6 +174,7 @@ def match(
     if result.search is not None:
         disparities = result.search.min_disparity, result.search.num_disparities
 
+    result = _doubted(result, rectified)
     show_findings(result.findings)
 
     with refusals():
@@ -187,3 +190,10 @@ def match(
         raise wrong("report", _NO_PAGE)
     if strict:
         refuse_untrusted(result.findings)
+
+
+def _doubted(result: Result, rectified: Rectification | None) -> Result:
+    """Return the result with a warning first if its images refute the calibration."""
+    said = rectified.sentences[:1] if rectified is not None and rectified.refuted else ()
+    doubts = [Finding("match", "warning", sentence) for sentence in said]
+    return replace(result, findings=(*doubts, *result.findings))

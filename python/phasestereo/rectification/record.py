@@ -71,6 +71,8 @@ class Rectification:
         the pair with ``vertical=True``.
     unit
         The unit of the baseline in `Q`; None: unknown.
+    refuted
+        Whether the images refute the calibration: rows do not correspond, as a sentence says.
 
     Examples
     --------
@@ -91,6 +93,7 @@ class Rectification:
     sentences: tuple[str, ...]
     vertical: bool = False
     unit: LengthUnit | None = None
+    refuted: bool = False
 
     @property
     def calibration(self) -> Calibration | None:
@@ -138,6 +141,7 @@ class Rectification:
             "interpolation": self.interpolation,
             "vertical": self.vertical,
             "unit": self.unit,
+            "refuted": self.refuted,
         }
         arrays = {name: getattr(self, name) for name in _IMAGES}
         arrays |= dict(zip(MAPS, (*self.maps[0], *self.maps[1]), strict=True))
@@ -246,6 +250,7 @@ def from_document(document: Document) -> Rectification:
         sentences=tuple(str(sentence) for sentence in plain["sentences"]),
         vertical=plain["vertical"] is True,
         unit=next((unit for unit in get_args(LengthUnit) if unit == plain.get("unit")), None),
+        refuted=plain.get("refuted") is True,
     )
 
 

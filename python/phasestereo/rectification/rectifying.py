@@ -201,7 +201,8 @@ def _measured(made: Rectification) -> Rectification:
         return replace(made, sentences=(said,))
 
     off = f"{found.rms:.2f} px rms, known to {found.error:.2f} px"
-    if found.rms > max(_OFF, 4 * found.error):
+    refuted = found.rms > max(_OFF, 4 * found.error)
+    if refuted:
         said = (
             f"{lines} do not correspond ({off}): the calibration is not of these cameras as "
             "they are, or the images are exchanged"
@@ -209,4 +210,4 @@ def _measured(made: Rectification) -> Rectification:
     else:
         said = f"{lines} correspond as the calibration says ({off})"
 
-    return replace(made, error=found.rms, sentences=(said,))
+    return replace(made, error=found.rms, sentences=(said,), refuted=refuted)
