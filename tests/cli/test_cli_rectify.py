@@ -157,6 +157,34 @@ def test_a_calibration_that_the_images_refute_is_a_warning(
         assert (found.sentences[0] in said) == bool(lower)
 
 
+@pytest.mark.parametrize(("fault", "finding"), [
+    ("none", None), ("turned", "and are no depth"), ("cut", "disparities are not a depth"),
+])  # fmt: skip
+def test_depths_of_disparities_that_are_no_depth_are_a_warning(
+    run: Callable[..., Run], fault: str, finding: str | None
+) -> None:
+    size = 320, 240
+    pair = render_pair(3, height=size[1], width=size[0], num_disparities=24)
+    turn = cv2.getRotationMatrix2D((size[0] / 2, size[1] / 2), 8, 1)
+    right = {
+        "none": pair.right,
+        "turned": cv2.warpAffine(pair.right, turn, size, borderMode=cv2.BORDER_REFLECT),
+        "cut": pair.right[20:-20],
+    }[fault]
+    io.write_image("left.png", pair.left)
+    io.write_image("right.png", right)
+
+    arguments = "match", "left.png", "right.png", "--num-disparities", 32, "--strict"
+    code, _, err = run(*arguments, "-o", "d.npy")
+    assert (code, "warning" in err) == (0, False)
+    assert finding is None or finding in err
+
+    code, _, err = run(*arguments, "--depth", "z.npy", "--focal", 100, "--baseline", 1)
+    assert Path("z.npy").exists()
+    assert code == (UNTRUSTED if finding else 0)
+    assert ("warning: depths and points are wrong" in err) == bool(finding)
+
+
 def test_q_of_a_calibration_is_the_geometry(run: Callable[..., Run]) -> None:
     arguments = "match", "left.png", "right.png", "--num-disparities", 48, "--rectify", "rig.npz"
     code, out, err = run(*arguments, "--depth", "z.npy", "-o", "d.npy", "--json", "--keep", "all")

@@ -29,12 +29,16 @@ from phasestereo.known import Known
 from phasestereo.matching import match as match_pair
 from phasestereo.rectification import Rectification
 from phasestereo.result import Result
-from phasestereo.rig.findings import Finding, unwarned
+from phasestereo.rig.findings import Finding, denies_depths, unwarned
 from phasestereo.settings import PRESET, Settings, resolve
 
 _USUAL, _MOST_USUAL = 10, 200  # the most a disparity usually is: width / 10, and 200 pixels
 _VALUES = {"bands", "preset", "num_disparities", "min_disparity", "threads", "device", "noise"}
 _VALUES |= {"second", "timeout"}
+_NO_DEPTHS = (
+    "depths and points are wrong, since disparities of this pair are no depth: give a rectified "
+    "pair, or --rectify with a calibration"
+)
 _OPTIONS = (_VALUES | OPTIONS).union(field.name for field in fields(Settings))
 
 # The order in help: options that every match needs come first.
@@ -174,7 +178,7 @@ def match(
     if result.search is not None:
         disparities = result.search.min_disparity, result.search.num_disparities
 
-    result = _doubted(result, rectified)
+    result = _doubted(result, rectified, with_depths=rig is not None and outputs.use_geometry())
     show_findings(result.findings)
 
     with refusals():
@@ -192,8 +196,10 @@ def match(
         refuse_untrusted(result.findings)
 
 
-def _doubted(result: Result, rectified: Rectification | None) -> Result:
-    """Return the result with a warning first if its images refute the calibration."""
-    said = rectified.sentences[:1] if rectified is not None and rectified.refuted else ()
+def _doubted(result: Result, rectified: Rectification | None, *, with_depths: bool) -> Result:
+    """Return the result with warnings first, if its cameras are not those of the geometry."""
+    said = list(rectified.sentences[:1] if rectified is not None and rectified.refuted else ())
+    if with_depths and denies_depths(result.findings):
+        said.append(_NO_DEPTHS)
     doubts = [Finding("match", "warning", sentence) for sentence in said]
     return replace(result, findings=(*doubts, *result.findings))

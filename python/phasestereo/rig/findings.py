@@ -12,6 +12,8 @@ from phasestereo._core import DECISIVE_TOPICS
 
 Severity = Literal["ok", "note", "warning"]
 
+_NO_DEPTH = "are no depth", "are not a depth"  # of pairs rectified or fitted for the match alone
+
 
 class MatchWarning(UserWarning):
     """The warning of `phasestereo.match` that a match as a whole is not to be trusted.
@@ -52,6 +54,11 @@ class Finding:
 def untrusted(found: Iterable[Finding]) -> list[Finding]:
     """Return the findings that distrust the match as a whole."""
     return [one for one in found if one.severity == "warning" and one.topic in DECISIVE_TOPICS]
+
+
+def denies_depths(found: Iterable[Finding]) -> bool:
+    """Return whether a finding says that disparities of the pair are not a depth."""
+    return any(said in one.sentence for one in found for said in _NO_DEPTH)
 
 
 def warn(found: tuple[Finding, ...]) -> None:
