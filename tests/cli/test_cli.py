@@ -151,7 +151,9 @@ def test_json_is_one_object_and_nothing_else(run: Callable[..., Run]) -> None:
 
 @pytest.mark.usefixtures("folder")
 def test_numbers_that_json_lacks_are_null(run: Callable[..., Run]) -> None:
-    io.write_image("mask.png", np.zeros((40, 65), np.uint8))
+    mask = np.zeros((40, 65), np.uint8)
+    mask[0, 0] = 255  # where the truth has no disparity
+    io.write_image("mask.png", mask)
     code, out, _ = match(run, "--json", "--truth", "truth.pfm", "--left-mask", "mask.png")
     assert code == 0
     assert json.loads(out)["metrics"]["avgerr"] is None
@@ -319,6 +321,8 @@ REFUSALS: list[tuple[str, int, str]] = [
     ("left.png right.png --num-disparities 9 --json --truth nan.pfm", FAILED, "nothing .* score"),
     ("left.png right.png --num-disparities 9 --json --left-mask small.png", FAILED, "left_mask"),
     ("left.png right.png --num-disparities 9 --json --left-mask nan.pfm", FAILED, "nan.pfm: "),
+    ("left.png right.png --json --left-mask black.png", WRONG, "--left-mask: got no valid pixel"),
+    ("left.png right.png --json --right-mask black.png", WRONG, "--right-mask: got no valid pixel"),
     (
         "left.png right.png --num-disparities 9 --truth truth.pfm --truth-mask small.png",
         FAILED,
@@ -337,7 +341,8 @@ def test_refusals_are_one_line_and_leave_nothing(
     lie("lie.pfm")
     Path("text.png").write_text("not an image at all")
     Path("sub").mkdir()
-    io.write_image("small.png", np.zeros((4, 64), np.uint8))
+    io.write_image("small.png", np.ones((4, 64), np.uint8))
+    io.write_image("black.png", np.zeros((40, 65), np.uint8))
     io.write_image("nan.pfm", np.full((40, 65), np.nan, np.float32))
     io.write_image("inf.npy", np.full((40, 65), np.inf, np.float32))
 

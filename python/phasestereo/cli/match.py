@@ -20,11 +20,10 @@ from phasestereo.cli.options import (
     Overrides,
 )
 from phasestereo.cli.outputs import Outcome, Outputs, rehearsal
-from phasestereo.cli.pairing import OPTIONS, Pairing, names_of, read_both
+from phasestereo.cli.pairing import OPTIONS, Pairing, names_of, read_both, read_masks
 from phasestereo.cli.scoring import Scoring
 from phasestereo.cli.summary import show
 from phasestereo.cli.terminal import progress_bar
-from phasestereo.io.image import read_mask
 from phasestereo.known import Known
 from phasestereo.matching import match as match_pair
 from phasestereo.rectification import Rectification
@@ -130,7 +129,7 @@ def match(
     sources = [left, right, left_mask, right_mask, *scoring.sources(), *pairing.sources()]
     sources += geometry.sources()
     with refusals(options=_OPTIONS):
-        masks = read_mask(left_mask), read_mask(right_mask)
+        masks = read_masks(left_mask, right_mask)
         raw = read_both(left, right, layout=pairing.layout, bands=bands)
         views, rectified = pairing.straight(raw, masks)
         images = views[0].image, views[1].image

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from phasestereo._images import join_masks
 from phasestereo.cli.errors import refuse_picture, wrong
+from phasestereo.io.image import read_mask
 from phasestereo.io.pair import Layout, read_photograph
 from phasestereo.io.views import View, read_views
 from phasestereo.rectification import Rectification, rectify
@@ -80,6 +81,23 @@ class Pairing:
     def sources(self) -> list[Path]:
         """Return the files to read for it."""
         return [] if self.rectify == (AUTO,) else [Path(name) for name in self.rectify]
+
+
+def read_masks(left: Path | None, right: Path | None) -> Masks:
+    """Return the masks in files; None: no file.
+
+    Raises
+    ------
+    OSError, ValueError
+        As `read_mask`.
+    CommandError
+        If a mask has no valid pixel: nothing could be matched.
+    """
+    masks = read_mask(left), read_mask(right)
+    for name, path, mask in zip(("left_mask", "right_mask"), (left, right), masks, strict=True):
+        if mask is not None and not mask.any():
+            raise wrong(name, f"got no valid pixel in {path}; accepts an image with some above 0")
+    return masks
 
 
 def as_calibration(names: Sequence[str]) -> Sequence[str] | None:

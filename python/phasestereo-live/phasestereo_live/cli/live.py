@@ -20,11 +20,10 @@ from phasestereo.cli.options import (
     Count,
     Overrides,
 )
-from phasestereo.cli.pairing import AUTO, as_calibration
+from phasestereo.cli.pairing import AUTO, as_calibration, read_masks
 from phasestereo.cli.terminal import say
 from phasestereo.io import Calibration, LengthUnit
 from phasestereo.io.folders import folders_of
-from phasestereo.io.image import read_mask
 from phasestereo.io.pair import Layout
 from phasestereo.io.rigs.reading import read_cameras
 from phasestereo.known import Known
@@ -164,7 +163,7 @@ def live(
         raise wrong("output", "a recording is written of a recording")
 
     with refusals(options=_OPTIONS):
-        masks = read_mask(left_mask), read_mask(right_mask)
+        masks = read_masks(left_mask, right_mask)
         settings = resolve(preset, None, overrides or {})
         known = Known(noise=noise)
     disparities = min_disparity, num_disparities
