@@ -102,6 +102,12 @@ def test_any_band_with_any_setting_is_that_of_the_whole_pair(
             assert report.plan.bands == (1 if rows is None else -(-HEIGHT // rows))
 
 
+@pytest.mark.usefixtures("pair")
+def test_a_band_larger_than_the_pair_takes_no_more_memory_than_all_of_it() -> None:
+    plans = [match(preset="fast", band_rows=rows).plan for rows in (HEIGHT, 10**7)]
+    assert [(plan.rows, plan.bands) for plan in plans] == [(HEIGHT, 1)] * 2
+
+
 @pytest.mark.parametrize("ending", ["tif", "npy", "zarr"])
 def test_all_layers_come_out(pair: tuple[NDArray[np.uint8], ...], ending: str) -> None:
     files: dict[str, str] = {name: f"{name}.{ending}" for name in LAYERS}

@@ -104,7 +104,7 @@ def fit(
     threads
         Largest number of threads.
     rows
-        Rows of a band; None: the most that the limit allows.
+        Rows of a band, at most all of them; None: the most that the limit allows.
 
     Raises
     ------
@@ -113,6 +113,7 @@ def fit(
     """
     base = resident() + cache(pair) + _pieces(pair)
     most = min(LARGEST, -(-pair.size[0] // BAND_ROWS) * BAND_ROWS)
+    rows = None if rows is None else min(rows, pair.size[0])
 
     def takes(count: int, workers: int) -> int:
         return base + working_memory(statistics, count, threads=workers, itemsize=pair.itemsize)
