@@ -277,6 +277,17 @@ def test_no_frame_at_all_is_a_failure(run: Callable[..., Run]) -> None:
     assert listing() == {"video.mkv", "a.mkv", "b.mkv"}
 
 
+def test_a_page_without_a_frame_ends(
+    run: Callable[..., Run], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        "phasestereo_live.cli.show.Screen.stay", lambda _: pytest.fail("waits for nothing")
+    )
+    code, _, err = run("live", "video.mkv", *SEARCH, "--start", 6)
+    assert code == FAILED
+    assert err.endswith("phasestereo: error: there is no frame to match\n")
+
+
 @pytest.mark.parametrize("more", ["-o o.mp4", "--frames m/%d.npy"])
 def test_full_disk_ends_the_run_and_names_the_file(more: str) -> None:
     """A limit on the size of files stands for it; what was not completed was not written."""
@@ -327,6 +338,7 @@ def test_full_disk_ends_the_run_and_names_the_file(more: str) -> None:
         ("video.mkv video.mkv --layout top-bottom --json", WRONG, "--layout: got 'top-bottom'"),
         ("video.mkv --layout both --json", WRONG, "--layout"),
         ("rig/left --json", FAILED, "source: rig/left has neither"),
+        ("rig --start 1", WRONG, "--start: got 1; accepts less than 1, the number of frames"),
     ],
 )
 def test_wrong_commands_are_refused(

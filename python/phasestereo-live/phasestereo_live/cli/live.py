@@ -58,6 +58,7 @@ _OUTPUT = Group.create_ordered("Output")
 _SETTINGS = Group.create_ordered("Settings", help=SETTINGS_HELP)
 _OUTPUTS, _TOPICS, _MESSAGES, _VIEW = LiveOutputs(), Topics(), Messages(), ViewOptions()
 _PRESET_HELP = f"Settings to start from: {', '.join(PRESETS)}; fast for frame rates."
+_NO_FRAME = "there is no frame to match"
 _MORE = Parameter(group=_SOURCE, consume_multiple=True, show_default=False)
 
 
@@ -200,13 +201,13 @@ def live(
             if vertical is None and by is recording.cameras:
                 given["vertical"] = recording.vertical
 
-        messages.check(
-            wanted=outputs.recording is not None,
-            known=bool(calibration) or (recording is not None and recording.q is not None),
-        )
+        is_known = bool(calibration) or (recording is not None and recording.q is not None)
+        messages.check(wanted=outputs.recording is not None, known=is_known)
+        outputs.check_geometry(known=is_known)
 
         with refusals(options=_OPTIONS):
             frames = opened.enter_context(closing(stream(*places, rectify=by, **given)))
+            _check_start(start, frames.source_length)
             known_of = _knowing(outputs, recording, frames)
             screen = None
             if shown:
@@ -228,7 +229,7 @@ def live(
         raise KeyboardInterrupt
     if not tally.done and not shown:
         if not tally.failed:
-            raise CommandError("there is no frame to match")
+            raise CommandError(_NO_FRAME)
         raise CommandError(f"none of {tally.failed} frames could be matched")
 
 
@@ -239,6 +240,12 @@ def _opened(opened: ExitStack, topics: Topics, path: Path) -> Recording:
     opened.callback(recording.close)
     say(recording.note)
     return recording
+
+
+def _check_start(start: int, length: int | None) -> None:
+    """Refuse a first frame beyond the last one of a source of this length; None: unknown."""
+    if start and length is not None and start >= length:
+        raise wrong("start", f"got {start}; accepts less than {length}, the number of frames")
 
 
 def _run(frames: Stream, writing: Writers, tally: Tally, screen: Screen | None) -> None:
@@ -258,6 +265,8 @@ def _run(frames: Stream, writing: Writers, tally: Tally, screen: Screen | None) 
                     if screen.closed:
                         return
         if screen is not None:
+            if not (tally.done or tally.failed or screen.closed):
+                raise CommandError(_NO_FRAME)
             screen.stay()
     except KeyboardInterrupt:
         tally.interrupted = screen is None  # a show ends this way

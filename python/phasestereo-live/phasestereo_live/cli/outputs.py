@@ -41,6 +41,7 @@ from phasestereo_live.video.streaming import Frame
 FrameSink = Callable[[Frame], object]
 Geometry = Callable[[Frame], Calibration | None]
 
+_NO_GEOMETRY = "needs a geometry, as --calib, camera_info or --rectify FILE"
 _RATE = 25.0  # for sources whose own rate is unknown
 
 
@@ -147,6 +148,17 @@ class LiveOutputs:
         sources = list(sources)
         claim([("output", self.output), ("rerun", self.rerun)], sources)
         self._try(sources, disparities)
+
+    def check_geometry(self, *, known: bool) -> None:
+        """Refuse a folder of depths without a geometry, here or known from elsewhere.
+
+        Raises
+        ------
+        CommandError
+            If there is none.
+        """
+        if self.rgbd is not None and self.calib is None and not known:
+            raise wrong("rgbd", _NO_GEOMETRY)
 
     def _try(self, sources: list[Path], disparities: tuple[int, int]) -> None:
         """Try every output before the first match."""
@@ -281,7 +293,7 @@ class Writers:
         def write(frame: Frame) -> None:
             calibration = self._known(frame)
             if calibration is None:
-                raise ValueError("--rgbd: needs a geometry, as --calib, camera_info or --rectify")
+                raise ValueError(f"--rgbd: {_NO_GEOMETRY}")
             folder.write(frame, calibration, selection=selection)
 
         self.sinks.append(write)

@@ -318,9 +318,14 @@ class Stream(Iterator[Frame], Closing):
         return self._work.failed
 
     @property
+    def source_length(self) -> int | None:
+        """Number of frames of the source, if known; files may hold fewer than they declare."""
+        return self._source.length
+
+    @property
     def length(self) -> int | None:
-        """Number of frames to match, if known; files may hold fewer than they declare."""
-        known, stop = self._source.length, self._wanted.stop
+        """Number of frames to match, if known."""
+        known, stop = self.source_length, self._wanted.stop
         if known is None and stop is None:
             return None
 
