@@ -423,6 +423,14 @@ def test_the_commands_write_what_python_returns(
             "--max-disparity: got 0; accepts 1 or more",
         ),
         (
+            ["prepare", "l.png", "r.png", "-o", "a.png", "b.exr", "--back", "c.json"],
+            "--output: path must end in one of .png",
+        ),
+        (
+            ["restore", "l.png", "--back", "r.png", "-o", "a.exr"],
+            "--output: path of a disparity map must end in",
+        ),
+        (
             ["restore", "l.png", "--back", "r.png", "-o", "l.png"],
             "--output: l.png is an input or another output",
         ),
@@ -434,9 +442,11 @@ def test_wrong_commands_are_refused(
     monkeypatch.chdir(tmp_path)
     for name in ("l.png", "r.png"):
         ps.io.write_image(name, np.zeros((60, 60), np.uint8))
+    before = sorted(tmp_path.iterdir())
     code, _, err = run(*words)
     assert code == 2
     assert f"error: {message}" in err
+    assert sorted(tmp_path.iterdir()) == before
 
 
 def test_other_files_are_named(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

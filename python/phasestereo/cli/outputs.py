@@ -2,8 +2,6 @@
 
 # No `from __future__ import annotations`: cyclopts reads these annotations at run time.
 
-import os
-import secrets
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import partial
@@ -14,7 +12,7 @@ import numpy as np
 from cyclopts import Parameter
 from numpy.typing import NDArray
 
-from phasestereo.cli.errors import WRONG_USAGE, CommandError, claim, option, refusals
+from phasestereo.cli.errors import claim, rehearse
 from phasestereo.cli.geometry import Rig
 from phasestereo.cli.scoring import Truth
 from phasestereo.cli.terminal import say
@@ -161,7 +159,7 @@ class Outputs:
         files = self._files()
         claim([(name, path) for name, path, _ in files], sources)
         for name, path, write in files:
-            _rehearse(name, path, write, rehearsal)
+            rehearse(name, path, write, rehearsal)
 
     def write(self, outcome: Outcome) -> dict[str, str]:
         """Write the requested files; return their paths by option."""
@@ -271,19 +269,3 @@ def _rig(outcome: Outcome) -> Rig:
             "needs a geometry: give --calib, --rectify FILE, or --focal and --baseline"
         )
     return outcome.rig
-
-
-def _rehearse(name: str, path: Path, write: Writer, rehearsal: Outcome) -> None:
-    """Write a draft next to the file and remove it: only a trial shows every possible failure."""
-    target = Path(os.path.realpath(path))  # a symbolic link stays; its target is replaced
-    if target.is_dir():
-        raise CommandError(f"{option(name)}: {path} is a folder")
-
-    draft = target.with_name(f".{secrets.token_hex(8)}{path.suffix}")
-    with refusals():
-        try:
-            write(draft, rehearsal)
-        except ValueError as error:
-            raise CommandError(f"{option(name)}: {error}", WRONG_USAGE) from error
-        finally:
-            draft.unlink(missing_ok=True)

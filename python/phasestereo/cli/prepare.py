@@ -10,10 +10,19 @@ import numpy as np
 from cyclopts import Parameter
 
 import phasestereo
-from phasestereo.cli.errors import WRONG_USAGE, CommandError, claim, refusals, show_findings
+from phasestereo.cli.errors import (
+    WRONG_USAGE,
+    CommandError,
+    claim,
+    refusals,
+    rehearse,
+    rehearse_images,
+    show_findings,
+)
 from phasestereo.cli.terminal import print_json, print_lines
 from phasestereo.io import read_disparity, write_disparity, write_image
 from phasestereo.io.disparity import read_sixteenths
+from phasestereo.io.views import read_view
 from phasestereo.preparation import Restoration, Unit, prepare as prepare_pair
 from phasestereo.rig.findings import untrusted, unwarned
 
@@ -72,9 +81,15 @@ def prepare(
 
     options = {"max_disparity", "num_disparities", "min_disparity", "threads"}
     with refusals(options=options), unwarned():
+        views = read_view(left), read_view(right)
+        dtype = views[0].image.dtype  # of both prepared images
+        blank = [np.zeros_like(view.image[:1, :1], dtype) for view in views]
+        rehearse_images("output", output, blank)
         pair = prepare_pair(
-            left,
-            right,
+            views[0].image,
+            views[1].image,
+            left_mask=views[0].mask,
+            right_mask=views[1].mask,
             max_disparity=max_disparity,
             num_disparities=num_disparities,
             min_disparity=min_disparity,
@@ -132,6 +147,8 @@ def restore(
         negative values missing. Sixteenths may be 16-bit integers: .npy, .tif or .png.
     """
     claim([("output", output)], [disparity, back])
+    blank = np.zeros((1, 1), np.float32)
+    rehearse("output", output, write_disparity, blank)
     with refusals():
         read = read_sixteenths if unit == "sixteenths" else read_disparity
         found = Restoration.load(back).restore(read(disparity), unit=unit)

@@ -9,7 +9,15 @@ import numpy as np
 from cyclopts import Parameter, validators
 
 import phasestereo
-from phasestereo.cli.errors import WRONG_USAGE, CommandError, claim, refusals, refuse_picture, wrong
+from phasestereo.cli.errors import (
+    WRONG_USAGE,
+    CommandError,
+    claim,
+    refusals,
+    refuse_picture,
+    rehearse_images,
+    wrong,
+)
 from phasestereo.cli.pairing import read_both
 from phasestereo.cli.terminal import print_json, print_lines
 from phasestereo.io import write_image
@@ -97,6 +105,8 @@ def rectify(
 
     with refusals(options=_OPTIONS):
         views = read_both(left, right, layout=layout)
+        rehearse_images("output", output, [view.image for view in views])
+        rehearse_images("masks", masks, [np.zeros((1, 1), np.uint8)] * 2)
         others = zip(images_from[::2], images_from[1::2], strict=True)
         found = rectify_pair(
             views[0].image,
