@@ -197,14 +197,20 @@ def as_seen(image: ArrayLike, mask: ArrayLike | None, name: str) -> Seen:
 
     if hidden is not None and hidden.any():
         valid = join_masks(valid, ~hidden.reshape(*size, -1).any(axis=2))
-    if array.shape[2:] == (4,):
-        seen = np.asarray(array[:, :, 3] != 0)
-        # A fourth channel that is 0 everywhere only pads pixels to four bytes.
-        valid = join_masks(valid, seen) if seen.any() and not seen.all() else valid
+    valid = join_masks(valid, seen_by_alpha(array))
     if pixels.dtype.kind == "f":
         known = np.logical_not(np.isnan(pixels).max(axis=2))
         valid = valid if known.all() else join_masks(valid, known)
     return Seen(array, pixels, valid)
+
+
+def seen_by_alpha(array: NDArray[np.generic]) -> Mask | None:
+    """Return the pixels of an image that its alpha does not hide; None: all."""
+    if array.shape[2:] != (4,):
+        return None
+    seen = np.asarray(array[:, :, 3] != 0)
+    # A fourth channel that is 0 everywhere only pads pixels to four bytes.
+    return seen if seen.any() and not seen.all() else None
 
 
 def join_masks(

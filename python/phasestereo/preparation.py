@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from phasestereo import _core
-from phasestereo._images import ImageOrPath, Map, Pixels, as_numbers
+from phasestereo._images import ImageOrPath, Map, Pixels, as_numbers, seen_by_alpha
 from phasestereo._numbers import as_integer
 from phasestereo._opening import opened_valid
 from phasestereo.io.drafts import replace_text
@@ -24,6 +24,10 @@ Unit: TypeAlias = Literal["pixels", "sixteenths"]
 """The unit of 1 in a map: a pixel, or 1/16 of one, as in OpenCV's matchers."""
 
 _MOST_TEXT = 2**23  # bytes: the runs of a mask with a million edges
+_NO_ALPHA = (
+    "alpha is dropped: the images show what it hides; restored maps leave out what it hides in the "
+    "left one"
+)
 _UNITS = {"pixels": 1.0, "sixteenths": 1 / 16}
 
 
@@ -277,10 +281,11 @@ known, **overrides
     )
 
     warn(estimates.findings)
+    hides = any(seen_by_alpha(array) is not None for array in arrays)
     return Prepared(
         left=_like(arrays[0], pair[0] if images[0] is None else images[0]),
         right=_like(arrays[1], pair[1] if images[1] is None else images[1]),
-        done=tuple(done),
+        done=(*done, _NO_ALPHA) if hides else tuple(done),
         num_disparities=count,
         restoration=Restoration(back),
         findings=estimates.findings,

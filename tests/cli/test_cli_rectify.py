@@ -62,6 +62,30 @@ def test_a_calibration_gives_what_the_library_gives(run: Callable[..., Run]) -> 
     np.testing.assert_array_equal(saved.maps[1], expected.maps[1])
 
 
+def test_alpha_that_hides_something_is_dropped_with_a_word(
+    run: Callable[..., Run], scene: tuple[Any, Any]
+) -> None:
+    alpha = np.full(SIZE[::-1], 255, np.uint8)
+    alpha[:60] = 0
+    io.write_image("alpha.png", np.dstack([scene[0], alpha]))
+    command = (
+        "rectify",
+        "alpha.png",
+        "right.png",
+        "--calibration",
+        "rig.npz",
+        "-o",
+        "l.png",
+        "r.png",
+    )
+    code, _, err = run(*command)
+    assert (code, err.count("note: alpha is dropped")) == (0, 1)
+    assert run(*command, "--masks", "lm.png", "rm.png")[::2] == (0, "")
+    assert io.read_image("l.png").shape == scene[0].shape
+    expected = ps.rectify("alpha.png", "right.png", "rig.npz").left_mask
+    np.testing.assert_array_equal(io.read_image("lm.png"), 255 * expected)
+
+
 def test_images_alone_and_json(run: Callable[..., Run]) -> None:
     code, out, err = run(
         "rectify", "left.png", "right.png", "--json", "--images-from", "left.png", "right.png"

@@ -198,6 +198,24 @@ def test_a_pair_in_order_stays_as_it_is(rendered: Pair, dtype: type, channels: i
     np.testing.assert_array_equal(pair.restore(claims), claims)
 
 
+@pytest.mark.parametrize("side", [0, 1])
+def test_alpha_that_hides_something_is_dropped_with_a_word(rendered: Pair, side: int) -> None:
+    images: list[Image] = [rendered.left, rendered.right]
+    alpha = np.full(images[side].shape[:2], 255, np.uint8)
+    for hides in (False, True):
+        alpha[40:80] *= not hides
+        given = [
+            np.dstack([image, alpha]) if k == side else image for k, image in enumerate(images)
+        ]
+        pair = ps.prepare(*given, num_disparities=64)
+        assert [done for done in pair.done if done.startswith("alpha is dropped")] == (
+            [pair.done[-1]] if hides else []
+        )
+        np.testing.assert_array_equal(pair.left, rendered.left)
+        restored = pair.restore(np.ones(alpha.shape))
+        np.testing.assert_array_equal(np.isnan(restored), (alpha == 0) & (side == 0))
+
+
 def test_images_of_two_types_and_sizes_become_alike(rendered: Pair) -> None:
     right = np.repeat(np.repeat(rendered.right.astype(np.uint16) * 257, 2, axis=0), 2, axis=1)
     pair = ps.prepare(rendered.left, right)

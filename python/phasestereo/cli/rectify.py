@@ -9,6 +9,7 @@ import numpy as np
 from cyclopts import Parameter, validators
 
 import phasestereo
+from phasestereo._images import seen_by_alpha
 from phasestereo.cli.errors import (
     WRONG_USAGE,
     CommandError,
@@ -19,7 +20,7 @@ from phasestereo.cli.errors import (
     wrong,
 )
 from phasestereo.cli.pairing import read_both
-from phasestereo.cli.terminal import print_json, print_lines
+from phasestereo.cli.terminal import print_json, print_lines, say
 from phasestereo.io import write_image
 from phasestereo.io.pair import Layout
 from phasestereo.rectification import Rectification, rectify as rectify_pair
@@ -119,6 +120,8 @@ def rectify(
             right_mask=views[1].mask,
         )
 
+    if output and not masks and any(seen_by_alpha(view.image) is not None for view in views):
+        say("note: alpha is dropped, and the images show what it hides: --masks writes that")
     with refusals():
         _write(found, output, masks, save)
 
