@@ -192,11 +192,12 @@ def test_depths_are_written_for_a_third_camera(match: Callable[[str], Run]) -> N
     assert io.read_image("depth.png").shape == (60, 100)
     for wrong, message in (
         ("--register-size 100,60", "--register-size: has no effect without --register"),
-        ("--register third.npz", "size: got None, and a calibration without one"),
+        ("--register third.npz", "error: --register-size: got None, and a calibration without one"),
+        ("--register calib.txt", "error: --register: accepts K1, D1, K2, D2, R, T"),
         ("--register left.png", "--register: "),
     ):
         code, _, err = match(f"--depth depth.png --calib calib.txt {wrong}")
-        assert code
+        assert code == WRONG
         assert message in err
     assert "has no effect without a geometry" in match("--report a.html --register third.npz")[2]
 

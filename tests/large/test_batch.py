@@ -963,7 +963,7 @@ def test_the_pair_of_a_damaged_line_is_matched_again(
     (folder / "manifest.jsonl").write_bytes(b"\n".join([*lines, b""]))
 
     code, out, err = run(*words)
-    assert (code, out.split(",")[:2]) == (0, ["1 pairs matched", " 5 there already"])
+    assert (code, out.split(",")[:2]) == (0, ["1 pair matched", " 5 there already"])
     assert err.startswith(f"phasestereo: {folder}/manifest.jsonl, line 4: no record of a batch: ")
     assert set(states(folder).values()) == {"done"}
 

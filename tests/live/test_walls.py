@@ -226,6 +226,10 @@ def test_a_wall_is_tested_beside_the_rig(frames: Path, run: Callable[..., Run]) 
         (["--wall", "1km"], "got 1km; accepts a distance, as 1.0m"),
         (["--wall", "0m"], "got 0m; accepts a distance"),
         (["--unit", "m"], "--unit: has no effect without --wall"),
+        (
+            ["--wall", "1", "--focal", "400", "--baseline", "100", "--unit", "mm"],
+            "--wall: got 1 mm,",
+        ),
         (["--wall", "1", "--rectify", "a", "--baseline", "1"], "--baseline: has no effect beside"),
     ],
 )

@@ -39,7 +39,11 @@ class CommandError(Exception):
 
 
 @contextmanager
-def refusals(*, options: Collection[str] = ()) -> Iterator[None]:
+def refusals(
+    *,
+    options: Collection[str] = (),
+    renamed: Mapping[str, str] = MappingProxyType({}),
+) -> Iterator[None]:
     """Turn the library's documented errors into a `CommandError` in this block.
 
     All other errors pass: they are bugs, and show their traceback.
@@ -49,14 +53,17 @@ def refusals(*, options: Collection[str] = ()) -> Iterator[None]:
     options
         Arguments, and fields of `Known`, that come from options of the same name. If a message
         begins with one of them, the command line was wrong; otherwise the run failed.
+    renamed
+        The same for arguments that come from options of other names.
     """
     try:
         yield
     except (OSError, ValueError, TypeError, MemoryError, RuntimeError, ImportError) as error:
         message = describe_error(error)
         argument, colon, rest = message.removeprefix("known.").partition(":")
-        if argument in options:
-            raise CommandError(option(argument) + colon + rest, WRONG_USAGE) from error
+        if argument in options or argument in renamed:
+            name = option(renamed.get(argument, argument))
+            raise CommandError(name + colon + rest, WRONG_USAGE) from error
         raise CommandError(message) from error
 
 

@@ -199,9 +199,10 @@ class GeometryOptions:
         scale = self.depth_scale or MILLIMETERS
         camera = None
         if self.register:
-            camera = ThirdCamera.of_pair(
-                self.register, rectification=rectified, size=self.register_size
-            )
+            with refusals(renamed={"calibration": "register", "size": "register_size"}):
+                camera = ThirdCamera.of_pair(
+                    self.register, rectification=rectified, size=self.register_size
+                )
         return Rig(calibration, self.selection(size), yaw, self.anchor, scale, camera)
 
     def selection(self, size: tuple[int, ...] | None = None) -> Selection:

@@ -183,8 +183,9 @@ def _show(report: BatchReport, settings: Settings, *, as_json: bool) -> None:
         return
 
     rate = report.done / report.seconds if report.seconds else 0.0
+    pairs = "1 pair" if report.done == 1 else f"{report.done} pairs"
     numbers = (
-        f"{report.done} pairs matched, {report.skipped} there already, {len(report.failed)} failed,"
-        f" {report.seconds:.1f} s, {rate:.2f} pairs/s"
+        f"{pairs} matched, {report.skipped} there already, {len(report.failed)} failed, "
+        f"{report.seconds:.1f} s, {rate:.2f} pairs/s"
     )
     print_lines([numbers, f"wrote {report.manifest}"])

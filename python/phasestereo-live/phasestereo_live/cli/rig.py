@@ -95,7 +95,7 @@ def rig_test(
     has_frames = right is not None or frames.is_dir()
     wall.check(focal=focal, rectify=rectify, has_frames=has_frames)
     claim([("save", save)], [frames, right, rectify])
-    with refusals(options=_OPTIONS):
+    with refusals(options=_OPTIONS, renamed={"distance": "wall"}):
         if save is not None:
             target_of(save)
         rig = Rig(settings=Settings.preset(preset)) if has_frames else Rig.load(frames)
