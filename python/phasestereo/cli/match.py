@@ -118,7 +118,7 @@ def match(
     timeout
         Time limit of the second matcher, in seconds.
     strict
-        Exit with 3 if you should not trust the match. It still writes files.
+        Exit with 3 if you should not trust match or depths. It still writes files.
     """
     scoring.check()
     geometry.check(wanted=outputs.use_geometry())
