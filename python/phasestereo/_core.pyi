@@ -28,6 +28,7 @@ __all__ = [
     "MOST_CLASSES",
     "MOST_DISPARITIES",
     "MUCH_LARGER",
+    "NO_DEPTH",
     "PRESETS",
     "SETTINGS",
     "VERDICTS",
@@ -79,6 +80,7 @@ DECISIVE_TOPICS: list[str]
 FLAGS: dict[str, int]
 LARGER: int
 MUCH_LARGER: int
+NO_DEPTH: str
 LEAST_SIZE: int
 MOST_CLASSES: int
 MOST_DISPARITIES: int

@@ -8,11 +8,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Literal
 
-from phasestereo._core import DECISIVE_TOPICS
+from phasestereo._core import DECISIVE_TOPICS, NO_DEPTH
 
 Severity = Literal["ok", "note", "warning"]
-
-_NO_DEPTH = "are no depth", "are not a depth"  # of pairs rectified or fitted for the match alone
 
 
 class MatchWarning(UserWarning):
@@ -58,7 +56,7 @@ def untrusted(found: Iterable[Finding]) -> list[Finding]:
 
 def denies_depths(found: Iterable[Finding]) -> bool:
     """Return whether a finding says that disparities of the pair are not a depth."""
-    return any(said in one.sentence for one in found for said in _NO_DEPTH)
+    return any(NO_DEPTH in one.sentence for one in found)
 
 
 def warn(found: tuple[Finding, ...]) -> None:

@@ -94,6 +94,9 @@ impl Severity {
 }
 
 impl Finding {
+    /// Words of every finding that disparities of a pair are not a depth.
+    pub const NO_DEPTH: &str = "are not a depth";
+
     /// A finding.
     pub fn new(topic: Topic, severity: Severity, sentence: impl Into<String>) -> Self {
         Self { topic, severity, sentence: sentence.into(), is_unknown: false, cause: "" }

@@ -99,7 +99,7 @@ pub const CASES: &[Case] = &[
     case(Fault::Rows, MIDDLE, Work::Match(Preset::Robust, None), 0xF799_D25E_CCF8_3FB8),
     case(Fault::Turned, MIDDLE, Work::Match(Preset::Robust, None), 0x7AAA_872B_7B7C_7724),
     case(Fault::Zoomed, MIDDLE, Work::Match(Preset::Robust, None), 0x5507_363C_085E_0055),
-    case(Fault::Distorted, MIDDLE, Work::Match(Preset::Robust, None), 0xDD7C_E0F7_B11D_4486),
+    case(Fault::Distorted, MIDDLE, Work::Match(Preset::Robust, None), 0x8553_AFD4_AC08_B69A),
     case(Fault::Interlaced, MIDDLE, Work::Match(Preset::Robust, None), 0x75A7_FF86_2C4A_EC23),
     case(Fault::Vignetting, MIDDLE, Work::Match(Preset::Robust, None), 0xC5B3_DBE0_D57C_A818),
     case(Fault::Floats, MIDDLE, Work::Match(Preset::Robust, None), 0xF494_4F6F_FDDA_A109),

@@ -49,7 +49,6 @@ use self::third_camera::{rays_of_pixels, register_depths};
 use self::verification::{observe_maps, verify_map};
 use self::workers::{Pool, Workers, release_memory};
 use phasestereo::Error;
-use phasestereo::Topic;
 use phasestereo::internals;
 use phasestereo::internals::estimation::blur;
 use phasestereo::internals::estimation::compensation_plan::{LARGER, MUCH_LARGER};
@@ -62,6 +61,7 @@ use phasestereo::internals::self_check::{CASES, differing};
 use phasestereo::internals::verification::verdict;
 use phasestereo::internals::video::frames::{Frame, Options, match_frame_as_turned};
 use phasestereo::internals::video::temporal::TemporalFilter as Filter;
+use phasestereo::{Finding, Topic};
 use phasestereo_match::base::control::Control;
 use phasestereo_match::base::plane::{Plane, widened};
 use phasestereo_match::base::simd::Level;
@@ -105,8 +105,8 @@ macro_rules! named {
 #[pymodule(gil_used = false)]
 mod _core {
     use super::{
-        BAND, Bound, IntoPyDict, LARGER, LEAST_SIZE, MOST_CLASSES, MOST_DISPARITIES, MUCH_LARGER, Preset,
-        PyModule, PyModuleMethods, Result, Topic, every_setting, flag, verdict, warm_up,
+        BAND, Bound, Finding, IntoPyDict, LARGER, LEAST_SIZE, MOST_CLASSES, MOST_DISPARITIES, MUCH_LARGER,
+        Preset, PyModule, PyModuleMethods, Result, Topic, every_setting, flag, verdict, warm_up,
     };
 
     #[pymodule_export]
@@ -135,6 +135,7 @@ mod _core {
 
         let decisive = Topic::ALL.into_iter().filter(|topic| topic.is_decisive());
         module.add("DECISIVE_TOPICS", decisive.map(Topic::name).collect::<Vec<_>>())?;
+        module.add("NO_DEPTH", Finding::NO_DEPTH)?;
 
         let flags = named!(
             flag: MASKED, NO_CANDIDATE, OUTSIDE, MATCH_MASKED, OCCLUDED, MISMATCHED, LOW_CONFIDENCE,

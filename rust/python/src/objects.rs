@@ -13,6 +13,7 @@ use phasestereo::Finding;
 use phasestereo::found::{
     Blur, BlurEstimate, Cameras, CompensationPlan, Contrast, Photometry, Psf, RowOffsets, Side, Taps,
 };
+use phasestereo::internals::estimation::facts::Origin;
 use phasestereo::internals::match_pair;
 use phasestereo::internals::verification::Verification;
 use phasestereo::{Calibration, Estimates, Rectified};
@@ -223,7 +224,8 @@ fn search_of<'py>(py: Python<'py>, found: &Estimates, is_given: bool) -> Result<
     };
     fields.set_item("min_disparity", candidates.value.min())?;
     fields.set_item("num_disparities", candidates.value.count())?;
-    let found = if range.is_some() { "found" } else { "default" };
+    let is_known = range.is_some() || candidates.origin == Origin::Remembered;
+    let found = if is_known { "found" } else { "default" };
     fields.set_item("origin", if is_given { "given" } else { found })?;
     fields.set_item("confidence", confidence.unwrap_or(f64::NAN))?;
     fields.set_item("inverted", is_inverted)?;

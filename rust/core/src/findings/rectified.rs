@@ -19,7 +19,7 @@ table! {
     Alignment, Note, value(0.0, [pixels(found.rows, 1), pixels(found.rms, 2), found.blocks.to_string()]),
         "the images are far from rectified, rows differ by {0} px rms: both are rectified by what they show, to {1} px \
          rms in {2} blocks, and matched then; disparities are given in pixels of the left image as it came, and are \
-         no depth: take those of the rectified pair, or calibrate the cameras";
+         not a depth: take those of the rectified pair, or calibrate the cameras";
     Alignment, Note, distorted(found), DISTORT;
     Alignment, Note, when(found.moved > 0.0, [pixels(found.moved, 0)]),
         "columns were moved by {0} px to make disparities positive: the cameras are toed in, or left and right are \
@@ -118,7 +118,9 @@ fn sentences(rows: &[Row<Measure>], found: &Rectification) -> Vec<String> {
 }
 
 fn pixels(value: f64, digits: usize) -> String {
-    format!("{value:.digits$}")
+    let text = format!("{value:.digits$}");
+    let is_zero = text.chars().all(|one| "-0.".contains(one));
+    if is_zero { text.trim_start_matches('-').to_owned() } else { text }
 }
 
 fn blocks(found: &Rectification) -> String {
