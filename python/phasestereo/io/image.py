@@ -86,8 +86,7 @@ def read_image(path: StrPath) -> Pixels:
     JPEG, PNG and WebP files and by that of HEIF, as viewers and ``cv2.imread`` do. HEIF of more
     than 8 bits is returned as the high bits of 16. From a JPEG with previews or a gain map behind
     the picture, the picture is read. TIFF is read uncompressed or with deflate, PackBits or LZW;
-    LZW of a few rare kinds, such as images that are turned, only if the package ``imagecodecs`` is
-    installed. `read_geotiff` reads further compressions.
+    `read_geotiff` reads further compressions.
     """
     return cast("Pixels", read_samples(path, _DTYPES))
 

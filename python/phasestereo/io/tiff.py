@@ -1,13 +1,11 @@
-"""TIFF through tifffile, LZW through Pillow: 8, 16 bits and float32, gray, RGB, RGB with alpha."""
+"""TIFF through tifffile: 8 and 16 bits and float32, gray, RGB and RGB with alpha."""
 
 from __future__ import annotations
 
 import logging
 import math
-import sys
 import zlib
 from importlib.metadata import entry_points
-from importlib.util import find_spec
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -35,7 +33,6 @@ _PIECE = 2**20  # bytes unpacked at a time where they are only counted
 _HARMLESS = 2**24  # bytes that a block may unpack to without being counted, which takes time
 _MOST_PACKED = 2**20  # bytes of a block of PackBits, which tifffile unpacks without a bound
 _PACKBITS = 32773
-_ORDER = "<" if sys.byteorder == "little" else ">"
 
 # Scale and tie points, transformation, GeoTIFF's keys, GDAL's "no data" value, RPCs.
 _GEO_TAGS = {33550, 33922, 34264, 34735, 42113, 50844}
@@ -96,7 +93,7 @@ def decode_tiff(file: BinaryIO) -> NDArray[Any]:
         if page.axes not in ("YX", "YXS", "SYX"):
             raise ValueError(f"the TIFF page has axes {page.axes}, an image has YX and channels S")
 
-        samples = _unpacked(file, page, tifffile)
+        samples: NDArray[Any] = page.asarray()
         if page.axes == "SYX":  # one plane a channel
             samples = np.ascontiguousarray(np.moveaxis(samples, 0, 2))
 
@@ -160,46 +157,6 @@ def _check_complete(page: Any) -> None:
     sizes = page.databytecounts
     if not math.prod(page.chunked) == len(page.dataoffsets) == len(sizes) or 0 in sizes:
         raise ValueError("some strips or tiles of the TIFF page are missing")
-
-
-def _unpacked(file: BinaryIO, page: Any, tifffile: Any) -> NDArray[Any]:
-    """Return the samples of a page; without imagecodecs, Pillow unpacks LZW.
-
-    Pillow does not return all samples as they are stored: what it would change is refused.
-    """
-    if page.compression != tifffile.COMPRESSION.LZW or find_spec("imagecodecs") is not None:
-        stored: NDArray[Any] = page.asarray()
-        return stored
-
-    turned = "Orientation" in page.tags and page.tags["Orientation"].value != 1
-    changed = page.photometric == tifffile.PHOTOMETRIC.MINISWHITE
-    changed |= tifffile.EXTRASAMPLE.ASSOCALPHA in page.extrasamples
-    if not (turned or changed) and page.bitspersample == 8 * page.dtype.itemsize:
-        samples = _by_pillow(file, page.index)
-        if page.dtype == np.uint16 and samples.dtype == np.uint8:  # the high bytes of colors
-            samples = samples.astype(np.uint16) << 8 | _by_pillow(file, page.index, low=True)
-        if page.dtype == np.int16 and samples.dtype == np.int32 and page.parent.byteorder == _ORDER:
-            samples = samples.astype(np.int16)  # of the other byte order, it mixes up the bytes
-        if samples.shape == page.shape and samples.dtype.newbyteorder("=") == page.dtype:
-            return samples
-
-    raise ValueError(
-        f"the TIFF is compressed by LZW, with samples of type {page.dtype} and shape {page.shape} "
-        "that Pillow would change; to read it: pip install imagecodecs"
-    )
-
-
-def _by_pillow(file: BinaryIO, number: int, *, low: bool = False) -> NDArray[Any]:
-    """Return the samples of a page as Pillow has them; of 16-bit colors one byte of two."""
-    file.seek(0)
-    # Not `Image.open`, which has its own limit of pixels.
-    image = require("PIL.TiffImagePlugin", extra="io").TiffImageFile(file)
-    image.seek(number)
-    if low:  # unpacked in the wrong order of bytes, the low one is the high one
-        (tile,) = image.tile
-        swapped = tile.args[0][:-1] + ("B" if _ORDER == "<" else "L")
-        image.tile = [tile._replace(args=(swapped, *tile.args[1:]))]
-    return np.array(image)
 
 
 def _apply_photometric(samples: NDArray[Any], page: Any, photometric: Any) -> NDArray[Any]:

@@ -37,7 +37,7 @@ _NONE, _LZW, _DEFLATE, _OLD_DEFLATE, _PACKBITS = 1, 5, 8, 32946, 32773
 
 DEFLATED = _DEFLATE, _OLD_DEFLATE
 BOUNDED = _NONE, _LZW, *DEFLATED, _PACKBITS
-"""The compressions whose output is bounded when tifffile or Pillow reads them for `read_image`."""
+"""The compressions whose output is bounded when tifffile reads them, as `read_image` has it do."""
 
 # What a byte of these unpacks to at most.
 _RATIOS = {_NONE: 1, _LZW: 1400, _PACKBITS: 64} | dict.fromkeys(DEFLATED, UNPACKING)
