@@ -336,6 +336,10 @@ def test_a_vertical_pair_is_matched_along_its_columns(data: Path) -> None:
             for label, values in other.maps.items():
                 np.testing.assert_array_equal(one.maps[label], np.rot90(values, -1), label)
 
+        checked = ps.check(above, below)
+        assert any("columns are matched" in one.sentence for one in checked.findings)
+        assert all(one.severity != "warning" for one in checked.findings), name
+
         # What is stated is obeyed, and reported.
         with pytest.warns(ps.MatchWarning, match="cameras that are not beside each other"):
             result = ps.match(above, below, vertical=False)

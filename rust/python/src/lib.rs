@@ -321,7 +321,7 @@ fn estimate_pair<'py>(
     let (pool, rows) = (Pool::for_argument(threads)?, pair.size().0);
     let estimates = supervised(py, &pool, rows, None, move |runtime| {
         if self_rectify {
-            return diagnosed(pair, &told.along_rows(), &asked, runtime);
+            return diagnosed(pair, &told, &asked, runtime);
         }
         let (pair, estimates) = complete(pair, &told, &asked, runtime)?;
         Ok(findings::with_findings(estimates, &pair, &asked))
