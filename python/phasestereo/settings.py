@@ -130,8 +130,8 @@ class Settings:
         keystone, distortion), and a spline of the row if rows sway. If the offsets are significant,
         the right image is straightened: resampled along its columns. If they are slight, it is only
         if some bands match better that way. If the fields of an interlaced image are shifted, only
-        its even rows are matched, except in parts of a pair. Default ``True`` (paper ``False``,
-        fast ``False``).
+        its even rows are matched, and the raw mosaic of a color sensor is smoothed, except in parts
+        of a pair. Default ``True`` (paper ``False``, fast ``False``).
     self_rectify
         Whether to rectify a pair whose rows are too far off to straighten, from its images, before
         it is matched. It is tried if small copies hardly match: turned, tilted, zoomed and toed-in

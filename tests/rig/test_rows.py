@@ -17,6 +17,7 @@ from phasestereo_bench import degradation
 from phasestereo_bench.datasets import find_scene
 from phasestereo_bench.rigs.geometry import Misaligned
 from phasestereo_large import bands
+from support.estimating import estimated
 from support.warping import moved
 
 if TYPE_CHECKING:
@@ -114,6 +115,39 @@ def test_interlaced_pairs_are_matched_about_as_well_as_progressive_ones(
     fields = pair.right.copy()
     fields[1::2] = np.roll(fields, 4, axis=1)[1::2]
     assert bad(pair, ps.match(pair.left, fields)) < bad(pair, ps.match(pair.left, pair.right)) + 2
+
+
+def raw(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return what a sensor with the pattern RGGB delivers, whose green is twice as sensitive."""
+    mosaic = image[:, :, 1].copy()
+    mosaic[::2, ::2] = image[::2, ::2, 0] // 2
+    mosaic[1::2, 1::2] = image[1::2, 1::2, 2] // 2
+    return mosaic
+
+
+@pytest.mark.parametrize("sides", [(True, True), (False, True)])
+def test_raw_mosaics_are_matched_about_as_well_as_gray_images(
+    load: Callable[[str], Pair], sides: tuple[bool, bool]
+) -> None:
+    pair = load("cones")
+    images = [
+        raw(image) if is_raw else image[:, :, 1]
+        for image, is_raw in zip((pair.left, pair.right), sides, strict=True)
+    ]
+    gray = bad(pair, ps.match(pair.left[:, :, 1], pair.right[:, :, 1]))
+    found = ps.match(*images)
+    assert bad(pair, found) < gray + 2 < bad(pair, ps.match(*images, align_rows=False))
+    (said,) = (one.sentence for one in found.findings if one.topic == "interlacing")
+    assert f"{'the images are' if sides[0] else 'the right image is'} a mosaic" in said
+    photometry = estimated(*images).photometry
+    assert photometry is not None
+    assert photometry.mosaic == sides
+
+    done = ps.prepare(*images).done
+    assert f"the mosaic of {'both images' if sides[0] else 'the right image'} is smoothed" in done
+
+    rig = ps.Rig()
+    assert all(bad(pair, rig.match(*images)) < gray + 2 for _ in range(3))
 
 
 @pytest.mark.parametrize(

@@ -56,6 +56,9 @@ class Photometry:
         Shares of the image whose texture repeats itself along its rows; NaN: too narrow.
     fields
         Shift of odd rows against even ones, in pixels; 0: none.
+    mosaic
+        Whether pixels two apart are more alike than neighbors, along rows and columns, as in the
+        raw mosaic of a color sensor.
     contrast
         Gain and gamma; None: too little corresponds.
     """
@@ -66,4 +69,5 @@ class Photometry:
     smeared: tuple[float, float]
     repeated: tuple[float, float]
     fields: tuple[int, int]
+    mosaic: tuple[bool, bool]
     contrast: Contrast | None

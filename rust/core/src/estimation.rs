@@ -15,8 +15,8 @@
 //!
 //! If nothing matches, the reduced images are tried once more with the negative of one. If that matches,
 //! everything above is repeated with the negative of the right image, which is then also matched. If an image
-//! is interlaced, its odd rows become the means of the even ones beside them, and everything is repeated. For
-//! pairs in memory, a faint pattern that both images share is subtracted before anything else
+//! is interlaced, or the raw mosaic of a color sensor, it is resolved ([`raster`]), and everything is
+//! repeated. For pairs in memory, a faint pattern that both images share is subtracted before anything else
 //! ([`shared_pattern`]).
 //!
 //! Everything is computed in a fixed order, and a pair that is read a few rows at a time gives bit-identical
@@ -28,11 +28,13 @@ pub mod compensation_plan;
 pub mod estimates;
 pub mod extent;
 pub mod facts;
+pub mod means;
 pub mod order;
 pub mod overview;
 pub mod periods;
 pub mod photometry;
 pub mod range;
+pub mod raster;
 pub mod registration;
 pub mod rows;
 pub mod shared_pattern;
@@ -53,10 +55,10 @@ use self::facts::{Fact, Facts, Origin, Rows};
 use self::overview::{Overview, RoughMap, Seen};
 use self::photometry::{Contrast, Photometry, Scales};
 use self::range::{Copies, LeftOut, SearchRange};
+use self::raster::{Raster, resolved};
 use self::rows::RowOffsets;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::platform::Instant;
-use phasestereo_match::image::view::View;
 use phasestereo_match::matcher::Execution;
 use phasestereo_match::matcher::runtime::Runtime;
 use phasestereo_match::pair::Pair;
@@ -100,17 +102,17 @@ pub fn complete(
     let (pair, shared_pattern) = without_shared_pattern(pair, facts, settings)?;
     let (pair, before) = completed(pair, facts, settings, runtime)?;
     let before = Estimates { shared_pattern, ..before };
-    if !is_interlaced(&before, facts, settings) {
+    let Some(found) = before.photometry.filter(|_| may_resolve(&before, facts, settings)) else {
+        return Ok((pair, before));
+    };
+    let rasters = Raster::of(&found);
+    if rasters == [Raster::Whole; 2] {
         return Ok((pair, before));
     }
 
-    // Fields are those of the original pair: its even rows have none.
-    let fields = before.photometry.map_or([0; 2], |found| found.fields);
-    let changed = fields.map(|shift| shift != 0);
-    let (pair, after) = completed(even_rows(&pair, changed), facts, settings, runtime)?;
-    let photometry = after.photometry.map(|found| Photometry { fields, ..found });
+    let (pair, after) = completed(resolved(&pair, rasters)?, facts, settings, runtime)?;
     let time = before.time + after.time;
-    Ok((pair, Estimates { photometry, shared_pattern, even_rows: changed, time, ..after }))
+    Ok((pair, Estimates { shared_pattern, time, ..after.resolved(rasters, before.photometry) }))
 }
 
 /// The pair without a pattern that both images share, and the strength of the pattern. It is not searched for
@@ -174,19 +176,9 @@ pub fn complete_source(
     Ok(Estimates { time: started.elapsed(), ..found })
 }
 
-/// Whether the pair was taken line by line at two times, and this is to be compensated.
-fn is_interlaced(estimates: &Estimates, facts: &Facts, settings: &Settings) -> bool {
-    let has_fields = estimates.photometry.is_some_and(|found| found.fields != [0; 2]);
-    let may_resample = settings.align_rows && !facts.is_of_these_pixels();
-    has_fields && may_resample && !estimates.is_inverted
-}
-
-/// The pair with odd rows that are the means of the even ones beside them, in the left image, the right one
-/// or both.
-pub fn even_rows(pair: &Pair, changed: [bool; 2]) -> Pair {
-    let [left, right] = pair.views();
-    let of_rows = |view: &View, changes: bool| if changes { view.of_even_rows() } else { view.clone() };
-    pair.with_views([of_rows(left, changed[0]), of_rows(right, changed[1])])
+/// Whether fields and mosaics are to be compensated.
+fn may_resolve(estimates: &Estimates, facts: &Facts, settings: &Settings) -> bool {
+    settings.align_rows && !facts.is_of_these_pixels() && !estimates.is_inverted
 }
 
 /// Prepares a pair for its match, by the known facts and the estimates.
@@ -365,7 +357,7 @@ impl Estimates {
             candidates,
             confidence: None,
             is_inverted: facts.is_inverted,
-            even_rows: [false; 2],
+            rasters: [Raster::Whole; 2],
             seen: None,
             borders: [0.0; 2],
             overlays: vec![],

@@ -70,6 +70,7 @@ mod tests {
         flat: [0.1; 2],
         smeared: [0.0; 2],
         repeated: [0.0; 2],
+        mosaic: [false; 2],
         fields: [0; 2],
         contrast: Some(EVEN),
     };
@@ -312,6 +313,8 @@ mod tests {
         assert_eq!(fields([0, 0]).0, Severity::Ok);
         assert!(fields([0, -4]).1.starts_with("the right image is interlaced: odd rows are shifted by 4 px"));
         assert!(fields([3, -4]).1.starts_with("the images are interlaced"));
+        let mosaic = Photometry { mosaic: [true, false], ..PHOTOMETRY };
+        assert!(of(mosaic, Topic::Interlacing).1.starts_with("the left image is a mosaic: pixels two apart"));
     }
 
     #[test]

@@ -14,6 +14,7 @@
 use std::sync::Arc;
 
 use crate::estimation::facts::{Direction, Fact, Facts, INDEPENDENT, SUFFICIENT, evidence};
+use crate::estimation::raster::Raster;
 use crate::estimation::{Estimates, Prepared, complete, prepare};
 use crate::findings;
 use crate::rectification::axis::Axis;
@@ -60,7 +61,7 @@ pub struct Ready {
     /// The cameras used to rectify it; `None`: it was not rectified.
     pub raw: Option<Arc<Raw>>,
     /// Whether the odd rows of the images, before rectification, became means of the even ones.
-    pub even_rows: [bool; 2],
+    pub rasters: [Raster; 2],
 }
 
 /// The changes made to a pair to get it ready for its match.
@@ -70,8 +71,8 @@ pub struct Treatment<'a> {
     pub prepared: &'a Prepared,
     /// The cameras used to rectify it.
     pub raw: Option<&'a Raw>,
-    /// See [`Ready::even_rows`].
-    pub even_rows: [bool; 2],
+    /// See [`Ready::rasters`].
+    pub rasters: [Raster; 2],
 }
 
 impl Ready {
@@ -81,14 +82,14 @@ impl Ready {
         let failure = runtime.matcher.engine_failure();
         let failed = failure.iter().map(|reason| findings::device_failed(reason));
         self.prepared.estimates.findings.extend(failed);
-        let raw = self.raw.map(|raw| (raw, self.even_rows));
+        let raw = self.raw.map(|raw| (raw, self.rasters));
         Matched::new(raw, map, self.prepared, runtime.control)
     }
 
     /// The changes made to the pair.
     pub fn treatment(&self) -> Treatment<'_> {
-        let Self { prepared, raw, even_rows } = self;
-        Treatment { prepared, raw: raw.as_deref(), even_rows: *even_rows }
+        let Self { prepared, raw, rasters } = self;
+        Treatment { prepared, raw: raw.as_deref(), rasters: *rasters }
     }
 }
 
@@ -96,7 +97,7 @@ impl Ready {
 pub fn made_ready(pair: Pair, facts: &Facts, settings: &Settings, runtime: Runtime) -> Result<Ready> {
     let pair = turned(pair, facts)?;
     let (pair, estimates) = complete(pair, facts, settings, runtime)?;
-    let even_rows = estimates.even_rows;
+    let rasters = estimates.rasters;
     let attempt = rectify_if_needed(&pair, &estimates, facts, settings, runtime)?;
     if let Attempt::Refused(Refusal::Axis(axis)) = attempt
         && let Some(ready) = along_columns(&pair, &estimates, axis, facts, settings, runtime)?
@@ -119,7 +120,7 @@ pub fn made_ready(pair: Pair, facts: &Facts, settings: &Settings, runtime: Runti
     estimates.findings.extend(raw.iter().map(|raw| findings::rectified(&raw.rectification)));
 
     let prepared = prepare(pair, estimates, &facts, settings, runtime)?;
-    Ok(Ready { prepared, raw, even_rows })
+    Ok(Ready { prepared, raw, rasters })
 }
 
 /// The findings of a match's estimates, by topic. If the match of a small copy of the pair failed, the reason
@@ -147,7 +148,7 @@ fn along_columns(
     runtime: Runtime,
 ) -> Result<Option<Ready>> {
     // Lines or a pattern that were repaired along rows cannot be repaired along columns.
-    let is_as_it_came = before.even_rows == [false; 2] && before.shared_pattern.is_none();
+    let is_as_it_came = before.rasters == [Raster::Whole; 2] && before.shared_pattern.is_none();
     let fits = |all: Candidates| Candidates::new(all.numbers().0, all.numbers().1, pair.size().0).is_ok();
     let can_be = facts.axis.is_none() && facts.searched().is_none_or(fits);
     if !can_be || !axis.is_along_columns() || !is_as_it_came {
@@ -177,7 +178,7 @@ pub struct Rectified {
     /// How many rows lower each pixel of the raw left image is in the raw right one; NaN without a disparity.
     pub rows: Plane<f32>,
     /// Whether the odd rows of the raw images became means of the even ones.
-    pub even_rows: [bool; 2],
+    pub rasters: [Raster; 2],
 }
 
 /// A pair that was prepared and matched.
@@ -203,27 +204,27 @@ impl Matched {
     /// The map of a pair, converted to the pixels of the raw left image if these cameras rectified it, after
     /// odd rows of its images became means of the even ones.
     pub fn new(
-        raw: Option<(Arc<Raw>, [bool; 2])>,
+        raw: Option<(Arc<Raw>, [Raster; 2])>,
         map: Disparity,
         prepared: Prepared,
         control: &Control,
     ) -> Result<Self> {
-        let Some((raw, even_rows)) = raw else {
+        let Some((raw, rasters)) = raw else {
             return Ok(Self { map, prepared, rectified: None });
         };
         let (own, rows) = warp::raw(&map, &raw.rectification.cameras, control)?;
-        let rectified = Some(Rectified { raw, map, rows, even_rows });
+        let rectified = Some(Rectified { raw, map, rows, rasters });
         Ok(Self { map: own, prepared, rectified })
     }
 
     /// The changes made to the pair before its match.
     pub fn treatment(&self) -> Treatment<'_> {
         let Self { prepared, rectified, .. } = self;
-        let (raw, even_rows) = match rectified {
-            Some(Rectified { raw, even_rows, .. }) => (Some(&**raw), *even_rows),
-            None => (None, prepared.estimates.even_rows),
+        let (raw, rasters) = match rectified {
+            Some(Rectified { raw, rasters, .. }) => (Some(&**raw), *rasters),
+            None => (None, prepared.estimates.rasters),
         };
-        Treatment { prepared, raw, even_rows }
+        Treatment { prepared, raw, rasters }
     }
 
     /// The map of the pair that was matched: that of the rectified images, if it was rectified.

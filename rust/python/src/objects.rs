@@ -346,7 +346,7 @@ fn photometry_of<'py>(py: Python<'py>, found: &Photometry) -> Result<Object<'py>
     object!(py, "rig.photometry", "Photometry",
         intensity_range: found.range, saturation: (left?, right?), contrast: contrast.transpose()?,
         low_texture: pair(found.flat), smeared: pair(found.smeared),
-        repeated: pair(found.repeated), fields: pair(found.fields)
+        repeated: pair(found.repeated), fields: pair(found.fields), mosaic: pair(found.mosaic)
     )
 }
 

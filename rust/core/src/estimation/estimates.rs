@@ -11,6 +11,7 @@ use super::range::{LeftOut, SearchRange};
 use super::rows::RowOffsets;
 use crate::estimation::blur;
 use crate::estimation::photometry::Photometry;
+use crate::estimation::raster::Raster;
 use crate::finding::Finding;
 use phasestereo_match::pair::alignment::Alignment;
 use phasestereo_match::pair::candidates::Candidates;
@@ -31,8 +32,8 @@ pub struct Estimates {
     /// Whether the images match only after one of them is inverted. With `compensate_blur`, everything else
     /// was then estimated with the negative of the right image.
     pub is_inverted: bool,
-    /// Whether the odd rows of the left and of the right image became means of the even ones.
-    pub even_rows: [bool; 2],
+    /// How the pixels of the left and of the right image were read: fields and mosaics were resolved.
+    pub(crate) rasters: [Raster; 2],
     /// The disparities seen by the rough match of the reduced images, if there was one.
     pub(crate) seen: Option<Arc<Seen>>,
     /// Shares of the left and of the right image that are black borders, which are masked.
@@ -67,6 +68,16 @@ pub struct Estimates {
 }
 
 impl Estimates {
+    /// The estimates of a pair after its rasters were resolved; `before` is what its gray values showed: now it
+    /// has neither fields nor a mosaic, and other values.
+    pub(crate) fn resolved(self, rasters: [Raster; 2], before: Option<Photometry>) -> Self {
+        let photometry = self.photometry.zip(before).map(|(after, before)| {
+            let Photometry { fields, mosaic, black, range, saturation, .. } = before;
+            Photometry { fields, mosaic, black, range, saturation, ..after }
+        });
+        Self { rasters, photometry, ..self }
+    }
+
     /// The disparities to search, half-open: the given ones, or otherwise those that were found.
     pub fn disparities(&self) -> Range<i64> {
         let (min, count) = self.candidates.value.numbers();

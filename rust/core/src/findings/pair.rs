@@ -148,6 +148,9 @@ table! {
     Interlacing, Warning, interlacing(known),
         "{0} interlaced: odd rows are shifted by {1} px against even ones", remedy("{2}"),
         cause("interlaced fields", 0.0);
+    Interlacing, Warning, mosaic(known),
+        "{0} a mosaic: pixels two apart are more alike than neighbors, as in raw images of a color sensor",
+        remedy("{1}"), cause("a raw mosaic", 0.0);
     Border, Note, borders(known), "a black border, {0} of {1}, shows nothing and is not matched";
     Border, Note, overlaid(known),
         "an overlay, such as a clock or a logo, covers columns {0}, rows {1} of both images, and is not matched",
@@ -596,21 +599,33 @@ fn repetition(known: &Known) -> Vec<Measured> {
     share.map_or(vec![], |share| value(share, [percent(share)]))
 }
 
+/// The images of which this is so.
+fn which(is_so: [bool; 2]) -> Option<String> {
+    let which = match is_so {
+        [false, false] => return None,
+        [true, false] => "the left image is",
+        [false, true] => "the right image is",
+        [true, true] => "the images are",
+    };
+    Some(which.to_owned())
+}
+
+fn mosaic(known: &Known) -> Vec<Measured> {
+    let found = known.photometry().map_or([false; 2], |found| found.mosaic);
+    let smoothed = if known.settings.align_rows { "a match smooths it; " } else { "" };
+    which(found).map_or(vec![], |which| value(0.0, [which, format!("{smoothed}demosaic such images")]))
+}
+
 fn interlacing(known: &Known) -> Vec<Measured> {
     let fields = known.photometry().map_or([0; 2], |found| found.fields);
-    let which = match fields {
-        [0, 0] => return vec![],
-        [_, 0] => "the left image is",
-        [0, _] => "the right image is",
-        _ => "the images are",
-    };
+    let Some(which) = which(fields.map(|shift| shift != 0)) else { return vec![] };
     let remedy = if known.settings.align_rows {
         "a match uses only the even rows; deinterlace the video"
     } else {
         "match every other row, or deinterlace the video"
     };
     let shift = fields[0].abs().max(fields[1].abs()).to_string();
-    value(0.0, [which.to_owned(), shift, remedy.to_owned()])
+    value(0.0, [which, shift, remedy.to_owned()])
 }
 
 /// A number to two significant digits.

@@ -1,8 +1,8 @@
 //! Applies all changes of a pair to the channels of both images, with the kernels and resamplers of a match.
 
-use crate::estimation::even_rows;
 use crate::estimation::overview::Seen;
 use crate::estimation::photometry::{Contrast, Photometry};
+use crate::estimation::raster::resolved;
 use crate::match_pair::Treatment;
 use crate::preparation::SMOOTHED_FROM;
 use crate::preparation::back::Back;
@@ -120,11 +120,11 @@ impl<'a> Channels<'a> {
             view = fitted(&view_of_input(inputs[0].channel(0))?, view)?.0;
         }
 
-        let Treatment { prepared, raw, even_rows: before } = self.ready;
+        let Treatment { prepared, raw, rasters: before } = self.ready;
         let estimates = &prepared.estimates;
-        let mut pair = even_rows(&Pair::new(view.clone(), view, 0, 1)?, before);
+        let mut pair = resolved(&Pair::new(view.clone(), view, 0, 1)?, before)?;
         if let Some(raw) = raw {
-            pair = even_rows(&resampled(&pair, raw.places(control)?, control)?, estimates.even_rows);
+            pair = resolved(&resampled(&pair, raw.places(control)?, control)?, estimates.rasters)?;
         }
         if self.is_inverted {
             pair = pair.inverted();

@@ -1,6 +1,7 @@
 //! The changes made to a pair for other matchers, in sentences.
 
 use super::channels::Channels;
+use crate::estimation::raster::Raster;
 use crate::match_pair::Treatment;
 use crate::preparation::back::Back;
 use phasestereo_match::pair::blur_compensation::BlurCompensation;
@@ -24,10 +25,10 @@ impl WorkDone {
             let ((a, b), (c, d)) = (fit.from, fit.to);
             work.add(RIGHT, format!("the right image is resampled from {b} x {a} to {d} x {c} pixels"));
         }
-        work.add_to(ready.even_rows, "odd rows of {} are means of the even ones beside them");
+        work.add_rasters(ready.rasters);
         if ready.raw.is_some() {
             work.add([true; 2], "both images are rectified by what they show".into());
-            work.add_to(estimates.even_rows, "odd rows of {} are means of the even ones beside them");
+            work.add_rasters(estimates.rasters);
         }
         if channels.is_inverted {
             work.add(RIGHT, "the right image is inverted, since it is a negative".into());
@@ -77,6 +78,13 @@ impl WorkDone {
 
     fn add(&mut self, sides: [bool; 2], sentence: String) {
         self.0.push((sides, sentence));
+    }
+
+    /// What was done about fields and mosaics.
+    fn add_rasters(&mut self, rasters: [Raster; 2]) {
+        let are = |which: Raster| rasters.map(|raster| raster == which);
+        self.add_to(are(Raster::Fields), "odd rows of {} are means of the even ones beside them");
+        self.add_to(are(Raster::Mosaic), "the mosaic of {} is smoothed");
     }
 
     /// A sentence about the images that it applies to, if any.

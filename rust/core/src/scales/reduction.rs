@@ -1,13 +1,12 @@
 //! Reduces a pair to half the size: each pixel is the mean of a square of four.
 //!
-//! Means of integers are kept in 16 bits, which hold those of squares of 256 pixels of bytes exactly: over a
-//! few scales no rounding noise hides faint detail of a plain surface. Only gray values are kept, since phase
-//! codes see nothing else; impulses are repaired before, and a pixel is valid if all four are.
+//! Over a few scales no rounding noise hides faint detail of a plain surface ([`means`]). Only gray values are
+//! kept, since phase codes see nothing else; impulses are repaired before, and a pixel is valid if all four
+//! are.
 
-use ndarray::Array3;
-
+use crate::estimation::means::means;
 use phasestereo_match::base::plane::Plane;
-use phasestereo_match::image::pixels::{Image, Input};
+use phasestereo_match::image::pixels::Input;
 use phasestereo_match::image::view::View;
 use phasestereo_match::pair::Pair;
 
@@ -42,24 +41,12 @@ pub fn sum_of_four(gray: &Plane<i32>, y: usize, x: usize) -> i32 {
 
 /// The gray values of an image at half the size.
 fn halved_view(view: &View) -> Input {
-    let (gray, scale) = (view.gray(), view.scale());
-    let (rows, cols) = (gray.rows() / 2, gray.cols() / 2);
-
-    let sum = |y: usize, x: usize| i64::from(sum_of_four(gray, y, x));
-    let reach = i64::from(scale.reach());
-    let (image, step) = if scale.step().is_some() {
-        let mean = |(y, x, _)| ((sum(y, x) + 4 * reach) * (1 << 16) / (8 * reach)) as u16;
-        let pixels = Array3::from_shape_fn((rows, cols, 1), mean);
-        (Image::U16(pixels), 2.0 * reach as f64 / f64::from(1 << 16))
-    } else {
-        let mean = |(y, x, _)| sum(y, x) as f32 / 4.0;
-        (Image::F32(Array3::from_shape_fn((rows, cols, 1), mean)), 1.0)
-    };
-
+    let (rows, cols) = (view.size().0 / 2, view.size().1 / 2);
+    let (image, unit) = means(view, (rows, cols), 4, |y, x| sum_of_four(view.gray(), y, x).into());
     let is_valid = |mask: &Plane<bool>, y: usize, x: usize| {
         [2 * y, 2 * y + 1].iter().all(|y| mask.row(*y)[2 * x] && mask.row(*y)[2 * x + 1])
     };
     let mask = view.mask().map(|mask| Plane::from_fn(rows, cols, |y, x| is_valid(mask, y, x)));
 
-    Input { image, mask, unit: step / scale.steps(1.0) }
+    Input { image, mask, unit }
 }

@@ -43,6 +43,8 @@ pub enum Fault {
     Distorted,
     /// Odd rows of the right image are taken later.
     Interlaced,
+    /// Pixels of both images are behind filters of different colors.
+    Mosaic,
     /// The right image is darker toward its corners, and has 16 bits.
     Vignetting,
     /// Colors, as floats, the right ones half as large.
@@ -123,6 +125,11 @@ pub fn pair(fault: Fault, size: (usize, usize), moment: u32) -> [Input; 2] {
             [moved(&left, bent(1, 0)), moved(&right, bent(-1, 6))]
         }
         Fault::Interlaced => [left, moved(&right, |y, x| (y, x + 3 * (y % 2)))],
+        Fault::Mosaic => {
+            let filter =
+                |y: i32, x: i32, value: i32| value * [4, 7, 7, 5][(2 * (y % 2) + x % 2) as usize] / 8;
+            [changed(&left, filter), changed(&right, filter)]
+        }
         Fault::Vignetting => {
             let darker = |y: i32, x: i32, value: i32| {
                 let from = |place: i32, length: i32| (2 * place - length).pow(2) * 100 / length.pow(2);

@@ -66,7 +66,7 @@ pub fn fused(matched: Matched, second: Second, runtime: Runtime) -> Result<(Matc
     let wrong = matched.summary().wrong;
     let Matched { map, prepared, rectified, .. } = matched;
     let (own, raw) = match rectified {
-        Some(rectified) => (rectified.map, Some((rectified.raw, rectified.even_rows))),
+        Some(rectified) => (rectified.map, Some((rectified.raw, rectified.rasters))),
         None => (map, None),
     };
     let mut map = fuse(own, &claims, &chances, wrong, runtime)?;

@@ -26,6 +26,7 @@ use crate::estimation::blur;
 use crate::estimation::blur::parts::Part;
 use crate::estimation::facts::{Direction, Fact, Facts, Rows};
 use crate::estimation::range::{self, Asked};
+use crate::estimation::raster::{Raster, resolved};
 use crate::estimation::rows::RowOffsets;
 use crate::estimation::tracks::{AROUND, follow_here};
 use crate::estimation::{Estimates, Prepared, complete, prepare};
@@ -173,7 +174,8 @@ impl Rig {
             self.geometry = Some(Geometry::new(&matched.prepared.pair, estimates, raw));
         }
         if is_trusted {
-            self.remember(estimates, options.settings);
+            let rasters = matched.treatment().rasters;
+            self.remember(&Estimates { rasters, ..estimates.clone() }, options.settings);
         }
         self.settle(estimates.blur.as_ref().filter(|_| is_trusted), summary.wrong);
 
@@ -292,10 +294,13 @@ impl<'a> Followed<'a, '_> {
     /// The rectified pair, and whether it looks like before.
     fn input(&self, geometry: &Geometry) -> Result<RectifiedFrame<'a>> {
         let Runtime { execution, control, .. } = self.runtime;
-        let mut pair = match &geometry.cameras {
-            Some(raw) => Cow::Owned(resampled(self.pair, raw.places(control)?, control)?),
-            None => Cow::Borrowed(self.pair),
+        let mut pair = match self.rig.appearance.as_ref().map(|appearance| appearance.estimates.rasters) {
+            Some(rasters) if rasters != [Raster::Whole; 2] => Cow::Owned(resolved(self.pair, rasters)?),
+            _ => Cow::Borrowed(self.pair),
         };
+        if let Some(raw) = &geometry.cameras {
+            pair = Cow::Owned(resampled(&pair, raw.places(control)?, control)?);
+        }
         if geometry.is_inverted && self.options.settings.compensate_blur {
             pair = Cow::Owned(pair.inverted());
         }
@@ -319,7 +324,7 @@ impl<'a> Followed<'a, '_> {
     /// Matches the frame by the known facts; `is_again`: afterward, blocks of all rows are located.
     fn match_known(&self, geometry: &Geometry, input: &RectifiedFrame, is_again: bool) -> Result<FrameMatch> {
         let facts = self.options.facts;
-        let pair = Pair::clone(&input.pair);
+        let mut pair = Pair::clone(&input.pair);
         let candidates = match &facts.candidates {
             Some(given) => given.clone(),
             None => Fact::remembered(geometry.columns.candidates(pair.size().1)?),
@@ -345,7 +350,11 @@ impl<'a> Followed<'a, '_> {
                     ..appearance.estimates.clone()
                 }
             }
-            _ => self.estimates(&pair, geometry, &facts)?,
+            _ => {
+                let (resolved, estimates) = self.estimates(pair, geometry, &facts)?;
+                pair = resolved;
+                estimates
+            }
         };
 
         let mut result = self.matched(pair, estimates, &facts)?;
@@ -394,12 +403,17 @@ impl<'a> Followed<'a, '_> {
         Ok(geometry.field.innovation(&tracks))
     }
 
-    /// Estimates blur, noise and light of a pair with known geometry.
-    fn estimates(&self, pair: &Pair, geometry: &Geometry, facts: &Facts) -> Result<Estimates> {
+    /// Estimates blur, noise and light of a pair with known geometry, and resolves it.
+    fn estimates(&self, pair: Pair, geometry: &Geometry, facts: &Facts) -> Result<(Pair, Estimates)> {
         let settings = self.options.settings;
-        let (_, mut found) = complete(pair.clone(), facts, settings, self.runtime)?;
+        let (changed, mut found) = complete(pair.clone(), facts, settings, self.runtime)?;
+        let pair = if found.rasters == [Raster::Whole; 2] { pair } else { changed };
         if let Some(appearance) = &self.rig.appearance {
             let before = &appearance.estimates;
+            if before.rasters != [Raster::Whole; 2] {
+                // The pair was resolved before.
+                found = found.resolved(before.rasters, before.photometry);
+            }
             found.confidence = before.confidence;
             found.range = before.range;
             found.left_out.clone_from(&before.left_out);
@@ -409,11 +423,11 @@ impl<'a> Followed<'a, '_> {
         if facts.aligned().is_some() {
             found.offsets = geometry.field.offsets()?;
         }
-        found = findings::with_findings(found, pair, settings);
+        found = findings::with_findings(found, &pair, settings);
         if let Some(raw) = &geometry.cameras {
             found.findings.push(findings::rectified(&raw.rectification));
         }
-        Ok(found)
+        Ok((pair, found))
     }
 
     /// Matches a pair with these estimates.
@@ -609,7 +623,7 @@ impl<'a> Followed<'a, '_> {
         }
 
         let cameras = self.rig.geometry.as_ref().and_then(|geometry| geometry.cameras.clone());
-        let cameras = cameras.map(|raw| (raw, [false; 2]));
+        let cameras = cameras.map(|raw| (raw, [Raster::Whole; 2]));
         let matched = Matched::new(cameras, map, prepared, self.runtime.control)?;
         Ok(Frame { matched, summary, is_reused, support })
     }

@@ -150,8 +150,8 @@ settings! {
     /// The estimate is a smooth field of vertical offsets (shift, turn, focal length, keystone, distortion),
     /// and a spline of the row if rows sway. If the offsets are significant, the right image is straightened:
     /// resampled along its columns. If they are slight, it is only if some bands match better that way. If
-    /// the fields of an interlaced image are shifted, only its even rows are matched, except in parts of a
-    /// pair.
+    /// the fields of an interlaced image are shifted, only its even rows are matched, and the raw mosaic of a
+    /// color sensor is smoothed, except in parts of a pair.
     align_rows: bool, default true, paper false, fast false;
 
     /// Whether to rectify a pair whose rows are too far off to straighten, from its images, before it is
