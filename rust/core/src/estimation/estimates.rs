@@ -72,8 +72,8 @@ impl Estimates {
     /// has neither fields nor a mosaic, and other values.
     pub(crate) fn resolved(self, rasters: [Raster; 2], before: Option<Photometry>) -> Self {
         let photometry = self.photometry.zip(before).map(|(after, before)| {
-            let Photometry { fields, mosaic, black, range, saturation, .. } = before;
-            Photometry { fields, mosaic, black, range, saturation, ..after }
+            let Photometry { black, range, saturation, fields, mosaic, .. } = before;
+            Photometry { black, range, saturation, fields, mosaic, ..after }
         });
         Self { rasters, photometry, ..self }
     }
