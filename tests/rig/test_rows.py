@@ -118,7 +118,7 @@ def test_interlaced_pairs_are_matched_about_as_well_as_progressive_ones(
 
 
 def raw(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return what a sensor with the pattern RGGB delivers, whose green is twice as sensitive."""
+    """Return the raw image of a sensor with the pattern RGGB; its green is twice as sensitive."""
     mosaic = image[:, :, 1].copy()
     mosaic[::2, ::2] = image[::2, ::2, 0] // 2
     mosaic[1::2, 1::2] = image[1::2, 1::2, 2] // 2

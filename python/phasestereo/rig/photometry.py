@@ -57,8 +57,8 @@ class Photometry:
     fields
         Shift of odd rows against even ones, in pixels; 0: none.
     mosaic
-        Whether pixels two apart are more alike than neighbors, along rows and columns, as in the
-        raw mosaic of a color sensor.
+        Whether pixels two apart are more alike than neighbors, along rows, as in the raw mosaic of
+        a color sensor or in YUYV.
     contrast
         Gain and gamma; None: too little corresponds.
     """

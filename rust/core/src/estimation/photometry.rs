@@ -23,7 +23,7 @@ use std::ops::Range;
 use rayon::prelude::*;
 
 pub use self::response::Contrast;
-use self::rows::{FIELD_REACH, Runs, alternations, field_differences, repeated_windows, runs};
+use self::rows::{FIELD_REACH, Runs, alternation, field_differences, repeated_windows, runs};
 use crate::estimation::blur::parts::{HALO, PairRows, Part, Strips};
 use crate::estimation::blur::rough::grays_per_unit;
 use crate::estimation::overview::{Overview, RoughMap};
@@ -81,8 +81,8 @@ pub struct Photometry {
     /// Pixels by which odd rows are shifted against even ones, as in interlaced video of motion; 0: they are
     /// not.
     pub fields: [i32; 2],
-    /// Whether pixels two apart are more alike than neighbors, along rows and columns: as in the raw mosaic
-    /// of a color sensor, or in ordered dither. Of 130 kinds of pairs, no other has such.
+    /// Whether pixels two apart are more alike than neighbors, along rows: as in the raw mosaic of a color
+    /// sensor, in bytes of YUYV, or in ordered dither. Of 130 kinds of pairs, no other has such.
     pub mosaic: [bool; 2],
     /// How the gray levels of the images correspond; `None`: too little corresponds.
     pub contrast: Option<Contrast>,
@@ -122,8 +122,8 @@ struct GrayExtremes {
     repeated: [u64; 2],
     /// Sums of differences between the fields, by shift.
     fields: [u64; 2 * FIELD_REACH + 1],
-    /// Sums of differences along a row and down: of neighbors, and of pixels two apart.
-    alternations: [[u64; 2]; 2],
+    /// Sums of differences along rows: of neighbors, and of pixels two apart.
+    alternation: [u64; 2],
 }
 
 impl Photometry {
@@ -165,7 +165,7 @@ impl Photometry {
             smeared: found.map(|counts| share([counts.runs.smeared, counts.runs.textured])),
             repeated: found.map(|counts| share(counts.repeated)),
             fields: found.map(|counts| counts.field_shift()),
-            mosaic: found.map(|counts| counts.alternates() == [true; 2]),
+            mosaic: found.map(|counts| counts.alternates()),
             contrast,
         })
     }
@@ -240,7 +240,7 @@ impl Default for GrayExtremes {
             runs: Runs::default(),
             repeated: [0; 2],
             fields: [0; 2 * FIELD_REACH + 1],
-            alternations: [[0; 2]; 2],
+            alternation: [0; 2],
         }
     }
 }
@@ -267,6 +267,7 @@ impl GrayExtremes {
         }
 
         let row = steps(first);
+        counts.alternation = alternation(level, &row);
         for valid in valid(view, first) {
             let Limits { noise, flat, period, .. } = *limits;
             let repeated = repeated_windows(&row[valid], noise, flat, period, level);
@@ -274,10 +275,8 @@ impl GrayExtremes {
         }
         // Strips begin with an even row.
         if first + 2 < plane.rows() {
-            let below = [first + 1, first + 2].map(steps);
-            let rows = [row.as_slice(), &below[0], &below[1]];
-            counts.fields = field_differences(level, rows);
-            counts.alternations = alternations(level, rows);
+            let rows = [&row, &steps(first + 1), &steps(first + 2)];
+            counts.fields = field_differences(level, rows.map(Vec::as_slice));
         }
 
         counts
@@ -311,7 +310,6 @@ impl GrayExtremes {
 
         let mut fields = self.fields;
         fields.iter_mut().zip(other.fields).for_each(|(sum, more)| *sum += more);
-        let sum = |axis: usize| [0, 1].map(|at| self.alternations[axis][at] + other.alternations[axis][at]);
         Self {
             least: end(self.least, other.least, other.least.0 < self.least.0),
             largest: end(self.largest, other.largest, other.largest.0 > self.largest.0),
@@ -319,7 +317,7 @@ impl GrayExtremes {
             runs: self.runs.and(other.runs),
             repeated: [0, 1].map(|at| self.repeated[at] + other.repeated[at]),
             fields,
-            alternations: [sum(0), sum(1)],
+            alternation: [0, 1].map(|at| self.alternation[at] + other.alternation[at]),
         }
     }
 
@@ -336,12 +334,13 @@ impl GrayExtremes {
 
         let most = ALIKE.min(self.significant());
         let is_clear = (self.fields[best] as f64) < most * self.fields[FIELD_REACH] as f64;
-        if is_clear && !self.alternates()[0] { best as i32 - FIELD_REACH as i32 } else { 0 }
+        if is_clear && !self.alternates() { best as i32 - FIELD_REACH as i32 } else { 0 }
     }
 
-    /// Whether pixels two apart are more alike than neighbors: along rows, and down columns.
-    fn alternates(&self) -> [bool; 2] {
-        self.alternations.map(|[near, far]| (far as f64) < self.significant() * near as f64)
+    /// Whether pixels two apart are more alike than neighbors, along rows.
+    fn alternates(&self) -> bool {
+        let [near, far] = self.alternation.map(|sum| sum as f64);
+        far < self.significant() * near
     }
 
     /// The ratio of two sums of differences below which chance does not explain it.
@@ -432,8 +431,8 @@ mod tests {
         assert_eq!(shift(fields, 500), 0, "by chance");
         assert_eq!(GrayExtremes::default().field_shift(), 0);
 
-        let alternations = [[100, 60], [100, 120]];
-        let columns = GrayExtremes { pixels: 100_000, fields, alternations, ..GrayExtremes::default() };
-        assert_eq!((columns.alternates(), columns.field_shift()), ([true, false], 0));
+        let columns =
+            GrayExtremes { pixels: 100_000, fields, alternation: [100, 60], ..GrayExtremes::default() };
+        assert!(columns.alternates() && columns.field_shift() == 0);
     }
 }

@@ -149,7 +149,7 @@ table! {
         "{0} interlaced: odd rows are shifted by {1} px against even ones", remedy("{2}"),
         cause("interlaced fields", 0.0);
     Interlacing, Warning, mosaic(known),
-        "{0} a mosaic: pixels two apart are more alike than neighbors, as in raw images of a color sensor",
+        "{0} a mosaic: pixels two apart are more alike than neighbors, as in raw images of a color sensor or in YUYV",
         remedy("{1}"), cause("a raw mosaic", 0.0);
     Border, Note, borders(known), "a black border, {0} of {1}, shows nothing and is not matched";
     Border, Note, overlaid(known),
@@ -613,7 +613,7 @@ fn which(is_so: [bool; 2]) -> Option<String> {
 fn mosaic(known: &Known) -> Vec<Measured> {
     let found = known.photometry().map_or([false; 2], |found| found.mosaic);
     let smoothed = if known.settings.align_rows { "a match smooths it; " } else { "" };
-    which(found).map_or(vec![], |which| value(0.0, [which, format!("{smoothed}demosaic such images")]))
+    which(found).map_or(vec![], |which| value(0.0, [which, format!("{smoothed}convert such images to gray")]))
 }
 
 fn interlacing(known: &Known) -> Vec<Measured> {

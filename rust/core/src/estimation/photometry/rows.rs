@@ -159,22 +159,20 @@ pub fn field_differences(level: Level, rows: [&[i32]; 3]) -> [u64; 2 * FIELD_REA
     sums
 }
 
-/// The differences between neighbors, and between pixels two apart: along an even row, and down to the odd
-/// row below and the even one below that.
+/// The sums of the differences between neighbors of a row, and between its pixels two apart.
 #[leveled]
-pub fn alternations(level: Level, rows: [&[i32]; 3]) -> [[u64; 2]; 2] {
-    let [even, odd, next] = rows;
-    let sum = |one: &[i32], two: &[i32]| -> u64 {
-        let pairs = one.chunks(SUMMED).zip(two.chunks(SUMMED));
-        let part =
-            |(one, two): (&[i32], &[i32])| -> u32 { one.iter().zip(two).map(|(a, b)| a.abs_diff(*b)).sum() };
-        pairs.map(|parts| u64::from(part(parts))).sum()
-    };
-
-    let inner = even.len().saturating_sub(2);
-    let (second, third) = (&even[even.len().min(1)..], &even[even.len().min(2)..]);
-    let along = [sum(&even[..inner], &second[..inner]), sum(&even[..inner], &third[..inner])];
-    [along, [sum(even, odd), sum(even, next)]]
+pub fn alternation(level: Level, row: &[i32]) -> [u64; 2] {
+    let count = row.len().saturating_sub(2);
+    let mut sums = [0; 2];
+    for at in (0..count).step_by(SUMMED) {
+        let first = &row[at..(at + SUMMED).min(count)];
+        for (by, sum) in (1..).zip(&mut sums) {
+            let other = &row[at + by..][..first.len()];
+            let part: u32 = first.iter().zip(other).map(|(a, b)| a.abs_diff(*b)).sum();
+            *sum += u64::from(part);
+        }
+    }
+    sums
 }
 
 #[cfg(test)]
@@ -184,15 +182,11 @@ mod tests {
     #[test]
     fn alternations_are_sums_of_differences() {
         for length in [0, 1, 2, 3, 70, 4099] {
-            let rows = [0, 1, 2].map(|y| (0..length).map(|x| hashed(3 * x + y)).collect::<Vec<i32>>());
-            let naive = |pairs: &dyn Fn(usize) -> (i32, i32), count: usize| -> u64 {
-                (0..count).map(|x| u64::from(pairs(x).0.abs_diff(pairs(x).1))).sum()
+            let row: Vec<i32> = (0..length).map(hashed).collect();
+            let sum = |by: usize| -> u64 {
+                (0..length.saturating_sub(2)).map(|x| u64::from(row[x].abs_diff(row[x + by]))).sum()
             };
-            let inner = length.saturating_sub(2);
-            let along = [1, 2].map(|by| naive(&|x| (rows[0][x], rows[0][x + by]), inner));
-            let down = [1, 2].map(|by| naive(&|x| (rows[0][x], rows[by][x]), length));
-            let found = alternations(Level::best(), rows.each_ref().map(Vec::as_slice));
-            assert_eq!(found, [along, down], "{length}");
+            assert_eq!(alternation(Level::best(), &row), [sum(1), sum(2)], "{length}");
         }
     }
 
