@@ -985,9 +985,10 @@ enum phasestereo_status phasestereo_rig_reset(struct phasestereo_rig *rig);
 size_t phasestereo_rig_text(const struct phasestereo_rig *rig, char *text, size_t room);
 
 /**
- * Writes a finding of the last successful match, check, preparation or estimate on this thread, and returns
- * 1; 0 if there are fewer, or `finding` is invalid. A match has noteworthy findings, the worst first; a check
- * has one for everything examined, in a fixed order. Texts are valid until the next such call on this thread.
+ * Writes a finding of the last successful match, check, preparation or estimate on this thread, and
+ * returns 1; 0 if there are fewer, or `finding` is invalid. A match has noteworthy findings, the worst first;
+ * a check has one for everything examined, in a fixed order. Texts are valid until the next such call on
+ * this thread.
  *
  * The pointer is to memory for a finding.
  */

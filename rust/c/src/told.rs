@@ -64,9 +64,10 @@ pub fn keep(findings: Vec<phasestereo::Finding>) {
     FINDINGS.set(findings.into_iter().map(Kept::from).collect());
 }
 
-/// Writes a finding of the last successful match, check, preparation or estimate on this thread, and returns
-/// 1; 0 if there are fewer, or `finding` is invalid. A match has noteworthy findings, the worst first; a check
-/// has one for everything examined, in a fixed order. Texts are valid until the next such call on this thread.
+/// Writes a finding of the last successful match, check, preparation or estimate on this thread, and
+/// returns 1; 0 if there are fewer, or `finding` is invalid. A match has noteworthy findings, the worst first;
+/// a check has one for everything examined, in a fixed order. Texts are valid until the next such call on
+/// this thread.
 ///
 /// # Safety
 ///

@@ -353,8 +353,8 @@ impl Matcher {
     }
 
     /// The most bytes of working memory for a match of images with this many rows and columns, where each
-    /// pixel, all channels together, takes `pixel_bytes`. The caller's images and maps are not included,
-    /// nor the codes of the right image that are kept for each kind of compensated blur.
+    /// pixel, all channels together, takes `pixel_bytes`. The caller's images and maps are not included, nor the
+    /// codes of the right image that are kept for each kind of compensated blur.
     pub fn working_memory(
         &self,
         (rows, cols): (usize, usize),

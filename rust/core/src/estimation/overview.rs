@@ -395,7 +395,7 @@ pub fn of_bands<T: Copy>(plane: &Plane<T>, bands: &[Range<usize>]) -> Result<Pla
 
 /// The columns of the left image that some disparity of a span finds in the right one.
 fn matched_columns((low, high): Span, cols: usize) -> Range<usize> {
-    low.max(0) as usize..(cols as isize + high.min(0)) as usize
+    low.max(0) as usize..cols.saturating_add_signed(high.min(0))
 }
 
 impl RoughMap {

@@ -50,8 +50,8 @@ const CERTAIN_FINE: u64 = 500;
 /// The same for areas farther than the run, which are not small. Without such objects, areas in 50 streams
 /// have up to 2400; with objects of 125 x 44 px there, 12 000 and more.
 const CERTAIN_FARTHER: u64 = 5000;
-/// Factor by which steps between neighboring columns are larger at the borders of the blocks of lossy compression.
-/// Of 20 pairs, 0.87 to 1.04; under JPEG of quality 60 1.07 to 1.71, of quality 30 1.28 to 2.47.
+/// Factor by which steps between neighboring columns are larger at the borders of the blocks of lossy
+/// compression. Of 20 pairs, 0.87 to 1.04; under JPEG of quality 60 1.07 to 1.71, of quality 30 1.28 to 2.47.
 const BLOCKY: f64 = 1.06;
 /// Frames that take turns in covering all rows of a video: if it is known which squares change, and if not.
 /// Two take 6 % of the time of a steady frame of 741 x 497 by `fast`, and find some objects one frame late.

@@ -1,8 +1,8 @@
 //! Reduces a pair to half the size: each pixel is the mean of a square of four.
 //!
-//! Over a few scales no rounding noise hides faint detail of a plain surface ([`means`]). Only gray values are
-//! kept, since phase codes see nothing else; impulses are repaired before, and a pixel is valid if all four
-//! are.
+//! Over a few scales no rounding noise hides faint detail of a plain surface ([`means`]). Only gray values
+//! are kept, since phase codes see nothing else; impulses are repaired before, and a pixel is valid if all
+//! four are.
 
 use crate::estimation::means::means;
 use phasestereo_match::base::plane::Plane;

@@ -44,8 +44,8 @@ pub fn findings(counts: Counts, misreading: Option<Misreading>) -> Vec<Finding> 
     findings
 }
 
-/// The findings about a second map before it is judged: numbers that are not disparities in
-/// pixels, or many outside the right image.
+/// The findings about a second map before it is judged: numbers that are not disparities in pixels, or many
+/// outside the right image.
 pub fn of_second(counts: Counts, misreading: Option<Misreading>) -> Vec<Finding> {
     let mut findings = findings(counts, misreading);
     findings.retain(|finding| finding.severity == Severity::Warning);

@@ -2,8 +2,8 @@
 //!
 //! ```text
 //! claims  = the second map, converted to the pair to match         # crate::preparation::back, claims.rs
-//! no claims of a matcher, or numbers that are not pixels: the match stays unchanged, and a finding gives the
-//! reason (a given map without claims is an error); a finding also reports if many lie outside the right image
+//! no claims of a matcher, or numbers that are not pixels: the match stays unchanged, and a finding gives
+//! the reason (a given map without claims is an error); another reports if many are outside the right image
 //! chances = the chance that each claim is right                    # traits.rs, judge.rs
 //! map     = the mean where both agree, else the one that is more likely right        # fuse.rs
 //! flat areas of it become planes: both together have more evidence than the match    # crate::scales

@@ -13,8 +13,8 @@
 //!             aggregated[y][x][k] = sum[k]
 //! ```
 //!
-//! A line of candidates fills a cache line: 64 bytes, or 32 integers of 16 bits. Line by line, the ring stays in
-//! the first-level cache for any number of candidates, and all loops run over arrays of one length.
+//! A line of candidates fills a cache line: 64 bytes, or 32 integers of 16 bits. Line by line, the ring stays
+//! in the first-level cache for any number of candidates, and all loops run over arrays of one length.
 //!
 //! Beyond the image, its edge rows and columns are repeated. A shiftable window takes the smallest of the
 //! sums at five places, so a ring of rows of sums is kept as well. Under masks, the same sums count the valid

@@ -7,8 +7,8 @@ use crate::settings::LARGEST_WINDOW;
 /// Which pixels are valid.
 pub type Mask = Plane<bool>;
 
-/// Most rows between a row without a valid value and the row that it copies: codes of an image that is not smoothed
-/// depend on pixels no further away, so rows beyond do not matter to any valid pixel.
+/// Most rows between a row without a valid value and the row that it copies: codes of an image that is not
+/// smoothed depend on pixels no further away, so rows beyond do not matter to any valid pixel.
 pub const REACH: usize = LARGEST_KERNEL / 2 + LARGEST_WINDOW / 2;
 
 /// Replaces masked values by the nearest valid value in their row (ties: left). A row without any copies the

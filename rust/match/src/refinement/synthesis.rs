@@ -18,8 +18,8 @@
 //! warped there, with nearer disparities first. The sums are then read at the places of a left pixel under
 //! the smallest and the largest of its disparities, so that all maps are judged at the same places.
 //!
-//! Only codes are compared, so neither contrast nor offset matters. Views are rounded to integers, and everything
-//! is computed by bands of rows.
+//! Only codes are compared, so neither contrast nor offset matters. Views are rounded to integers, and
+//! everything is computed by bands of rows.
 
 mod view;
 
