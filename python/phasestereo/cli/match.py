@@ -35,8 +35,8 @@ _USUAL, _MOST_USUAL = 10, 200  # the most a disparity usually is: width / 10, an
 _VALUES = {"bands", "preset", "num_disparities", "min_disparity", "threads", "device", "noise"}
 _VALUES |= {"second", "timeout"}
 _NO_DEPTHS = (
-    "depths and points are wrong, since disparities of this pair are no depth: give a rectified "
-    "pair, or --rectify with a calibration"
+    "depths and points are wrong, since disparities of this pair are not a depth: give a "
+    "rectified pair, or --rectify with a calibration"
 )
 _OPTIONS = (_VALUES | OPTIONS).union(field.name for field in fields(Settings))
 
