@@ -184,7 +184,7 @@ def test_a_calibration_that_the_images_refute_is_a_warning(
 @pytest.mark.parametrize(("fault", "finding"), [
     ("none", None), ("turned", "and are not a depth"), ("cut", "disparities are not a depth"),
 ])  # fmt: skip
-def test_depths_of_disparities_that_are_no_depth_are_a_warning(
+def test_depths_of_disparities_that_are_not_a_depth_are_a_warning(
     run: Callable[..., Run], fault: str, finding: str | None
 ) -> None:
     size = 320, 240

@@ -273,7 +273,7 @@ def test_no_frame_at_all_is_a_failure(run: Callable[..., Run]) -> None:
     assert code == FAILED
     assert err.endswith("phasestereo: error: none of 2 frames could be matched\n")
     code, _, err = run("live", "a.mkv", *SEARCH, "--start", "2", "-o", "o.mp4")
-    assert (code, err) == (FAILED, "phasestereo: error: there is no frame to match\n")
+    assert (code, err) == (FAILED, "phasestereo: error: the source has no frame to match\n")
     assert listing() == {"video.mkv", "a.mkv", "b.mkv"}
 
 
@@ -285,7 +285,7 @@ def test_a_page_without_a_frame_ends(
     )
     code, _, err = run("live", "video.mkv", *SEARCH, "--start", 6)
     assert code == FAILED
-    assert err.endswith("phasestereo: error: there is no frame to match\n")
+    assert err.endswith("phasestereo: error: the source has no frame to match\n")
 
 
 @pytest.mark.parametrize("more", ["-o o.mp4", "--frames m/%d.npy"])

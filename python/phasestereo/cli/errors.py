@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 import os
-import secrets
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
-
-from numpy.typing import NDArray
 
 from phasestereo.cli.terminal import say
 from phasestereo.io.files import describe_error
-from phasestereo.io.image import is_picture, write_image
+from phasestereo.io.image import is_picture
 from phasestereo.rig.findings import Finding, untrusted
 
 RUN_FAILED = 1
@@ -124,42 +120,6 @@ def claim(
         with refusals():
             path.parent.mkdir(parents=True, exist_ok=True)
     return [path for _, path in files]
-
-
-def rehearse(argument: str, path: Path, write: Callable[..., None], *content: object) -> None:
-    """Write a draft next to the file and remove it: only a trial shows every possible failure.
-
-    Raises
-    ------
-    CommandError
-        If the file is a folder, or `write` refuses the draft.
-    """
-    target = Path(os.path.realpath(path))  # a symbolic link stays; its target is replaced
-    if target.is_dir():
-        raise CommandError(f"{option(argument)}: {path} is a folder")
-
-    draft = target.with_name(f".{secrets.token_hex(8)}{path.suffix}")
-    with refusals():
-        try:
-            write(draft, *content)
-        except ValueError as error:
-            raise CommandError(f"{option(argument)}: {error}", WRONG_USAGE) from error
-        finally:
-            draft.unlink(missing_ok=True)
-
-
-def rehearse_images(
-    argument: str, paths: Iterable[Path] | None, like: Iterable[NDArray[Any]]
-) -> None:
-    """Rehearse image files for colors in the types of these images; None: no files.
-
-    Raises
-    ------
-    CommandError
-        As `rehearse`.
-    """
-    for path, image in zip(paths or (), like, strict=False):
-        rehearse(argument, path, write_image, image[:1, :1][..., :3])
 
 
 def _is_same(path: Path, other: Path) -> bool:

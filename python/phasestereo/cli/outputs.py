@@ -12,8 +12,9 @@ import numpy as np
 from cyclopts import Parameter
 from numpy.typing import NDArray
 
-from phasestereo.cli.errors import claim, rehearse
+from phasestereo.cli.errors import claim
 from phasestereo.cli.geometry import Rig
+from phasestereo.cli.rehearsing import rehearse
 from phasestereo.cli.scoring import Truth
 from phasestereo.cli.terminal import say
 from phasestereo.io import write_depth, write_glb, write_image, write_maps, write_ply

@@ -10,15 +10,8 @@ import numpy as np
 from cyclopts import Parameter
 
 import phasestereo
-from phasestereo.cli.errors import (
-    WRONG_USAGE,
-    CommandError,
-    claim,
-    refusals,
-    rehearse,
-    rehearse_images,
-    show_findings,
-)
+from phasestereo.cli.errors import WRONG_USAGE, CommandError, claim, refusals, show_findings
+from phasestereo.cli.rehearsing import rehearse, rehearse_images
 from phasestereo.cli.terminal import print_json, print_lines
 from phasestereo.io import read_disparity, write_disparity, write_image
 from phasestereo.io.disparity import read_sixteenths

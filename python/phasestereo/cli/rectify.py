@@ -10,16 +10,9 @@ from cyclopts import Parameter, validators
 
 import phasestereo
 from phasestereo._images import seen_by_alpha
-from phasestereo.cli.errors import (
-    WRONG_USAGE,
-    CommandError,
-    claim,
-    refusals,
-    refuse_picture,
-    rehearse_images,
-    wrong,
-)
+from phasestereo.cli.errors import WRONG_USAGE, CommandError, claim, refusals, refuse_picture, wrong
 from phasestereo.cli.pairing import read_both
+from phasestereo.cli.rehearsing import rehearse_images
 from phasestereo.cli.terminal import print_json, print_lines, say
 from phasestereo.io import write_image
 from phasestereo.io.pair import Layout

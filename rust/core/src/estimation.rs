@@ -112,7 +112,7 @@ pub fn complete(
 
     let (pair, after) = completed(resolved(&pair, rasters)?, facts, settings, runtime)?;
     let time = before.time + after.time;
-    Ok((pair, Estimates { shared_pattern, time, ..after.resolved(rasters, before.photometry) }))
+    Ok((pair, Estimates { shared_pattern, time, ..after.of_resolved(rasters, before.photometry) }))
 }
 
 /// The pair without a pattern that both images share, and the strength of the pattern. It is not searched for

@@ -139,6 +139,7 @@ mod tests {
         ] {
             let (severity, sentence) = of(SearchRange { shown, ..negative });
             assert!(severity == expected && sentence.contains(words), "{sentence}");
+            assert_eq!(sentence.contains(Finding::NO_DEPTH), expected == Severity::Note, "{sentence}");
         }
         let positive = of(SearchRange { shown: shown(-0.8, -0.2), ..RANGE });
         assert!(positive.0 == Severity::Note && positive.1.contains("may be exchanged"));
@@ -153,6 +154,7 @@ mod tests {
             let (severity, sentence) = said(&estimates, Topic::Swap);
             assert_eq!(sentence.contains("toed in, with"), is_toed_in, "{twist}: {sentence}");
             assert_eq!(severity == Severity::Note, is_toed_in);
+            assert_eq!(sentence.contains(Finding::NO_DEPTH), is_toed_in, "{sentence}");
         }
 
         let same = Estimates { range: Some(SearchRange { identical: true, ..RANGE }), ..sound() };

@@ -58,7 +58,7 @@ _OUTPUT = Group.create_ordered("Output")
 _SETTINGS = Group.create_ordered("Settings", help=SETTINGS_HELP)
 _OUTPUTS, _TOPICS, _MESSAGES, _VIEW = LiveOutputs(), Topics(), Messages(), ViewOptions()
 _PRESET_HELP = f"Settings to start from: {', '.join(PRESETS)}; fast for frame rates."
-_NO_FRAME = "there is no frame to match"
+_NO_FRAME = "the source has no frame to match"
 _MORE = Parameter(group=_SOURCE, consume_multiple=True, show_default=False)
 
 

@@ -155,7 +155,7 @@ class LiveOutputs:
         Raises
         ------
         CommandError
-            If there is none.
+            If depths are wanted without a geometry.
         """
         if self.rgbd is not None and self.calib is None and not known:
             raise wrong("rgbd", _NO_GEOMETRY)

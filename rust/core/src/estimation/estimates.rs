@@ -70,7 +70,7 @@ pub struct Estimates {
 impl Estimates {
     /// The estimates of a pair after its rasters were resolved; `before` is what its gray values showed: now
     /// it has neither fields nor a mosaic, and other values.
-    pub(crate) fn resolved(self, rasters: [Raster; 2], before: Option<Photometry>) -> Self {
+    pub(crate) fn of_resolved(self, rasters: [Raster; 2], before: Option<Photometry>) -> Self {
         let photometry = self.photometry.zip(before).map(|(after, before)| {
             let Photometry { black, range, saturation, fields, mosaic, .. } = before;
             Photometry { black, range, saturation, fields, mosaic, ..after }

@@ -29,7 +29,7 @@ pub const COARSE_WIDTH: usize = 128;
 /// Largest disparity tried, as a share of the width.
 pub const REACH: f64 = 0.45;
 /// The same if the images match badly up to there. Of 21 pairs that were cropped until the median disparity
-/// was 50, 60, 70 % of the width, 21, 17 and 7 match.
+/// was 50, 60, 70 % of the width, 21, 17 and 7 match: beyond this, too few columns correspond. Not swept.
 pub const FAR_REACH: f64 = 0.75;
 /// Vertical shifts of the smallest copies, in rows up and down, that are tried if nothing matches.
 const MOST_ROWS: isize = 6;

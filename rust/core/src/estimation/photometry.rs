@@ -82,7 +82,8 @@ pub struct Photometry {
     /// not.
     pub fields: [i32; 2],
     /// Whether pixels two apart are more alike than neighbors, along rows: as in the raw mosaic of a color
-    /// sensor, in bytes of YUYV, or in ordered dither. Of 130 kinds of pairs, no other has such.
+    /// sensor, in bytes of YUYV, or in ordered dither. Their differences are 0.13 to 0.92 of those of
+    /// neighbors there, 1.02 or more in 125 other kinds of faulty pairs, and 1.43 or more in 110 images.
     pub mosaic: [bool; 2],
     /// How the gray levels of the images correspond; `None`: too little corresponds.
     pub contrast: Option<Contrast>,

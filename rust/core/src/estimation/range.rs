@@ -194,9 +194,9 @@ pub fn range(
     let width = overview.planes[0].cols() * overview.factor;
     // The sign of repeating texture is unknown.
     let (negative, mixed) = if periods.is_some() { (false, false) } else { signs(map) };
+    let mixed = mixed && low < 0.0 && high > 0.0;
     let shown = Signs::new(overview, map, is_turned);
     let count = (end - start + 1).min(width as i64);
-    let mixed = mixed && low < 0.0 && high > 0.0;
     let range = SearchRange { min: start, count, low, high, negative, mixed, shown, identical };
 
     let left_out = beyond(places, range.candidates(width)?);

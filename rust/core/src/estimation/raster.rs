@@ -18,8 +18,11 @@ use phasestereo_match::image::pixels::Input;
 use phasestereo_match::image::view::View;
 use phasestereo_match::pair::Pair;
 
-/// Weights of a pixel and its neighbors along each axis.
+/// Weights along each axis of a pixel and its neighbors: the shortest symmetric ones that count even and odd
+/// pixels alike, so that what alternates cancels.
 const BINOMIAL: [i64; 3] = [1, 2, 1];
+/// Those of the pixel alone.
+const ALONE: [i64; 3] = [0, 1, 0];
 
 /// How the pixels of an image were read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -28,7 +31,7 @@ pub enum Raster {
     Whole,
     /// Even rows at one time, odd ones at another.
     Fields,
-    /// Each behind the filter of another color than its neighbors.
+    /// Neighbors show different things: the colors of a sensor's filters, or luma and chroma.
     Mosaic,
 }
 
@@ -53,24 +56,25 @@ pub fn resolved(pair: &Pair, rasters: [Raster; 2]) -> Result<Pair> {
             Raster::Fields => views[side].of_even_rows(),
             _ => views[side].clone(),
         };
-        if is_finer { filtered(&view, rasters[side] == Raster::Mosaic) } else { Ok(view) }
+        let weights = if rasters[side] == Raster::Mosaic { BINOMIAL } else { ALONE };
+        if is_finer { filtered(&view, weights) } else { Ok(view) }
     };
     Ok(pair.with_views([view(0)?, view(1)?]))
 }
 
-/// A view in finer steps, filtered if it shows a mosaic.
-fn filtered(view: &View, is_mosaic: bool) -> Result<View> {
+/// A view in finer steps, with these weights along each axis.
+fn filtered(view: &View, weights: [i64; 3]) -> Result<View> {
     let (rows, cols) = view.size();
     let gray = |y: usize, x: usize| i64::from(view.gray().row(y)[x]);
     let near = |at: usize, length: usize| [-1, 0, 1].map(|by| reflect(at as isize + by, length));
     let sum = |y: usize, x: usize| -> i64 {
         let columns = near(x, cols);
-        let along = |y: usize| -> i64 { columns.iter().zip(BINOMIAL).map(|(x, by)| by * gray(y, *x)).sum() };
-        near(y, rows).iter().zip(BINOMIAL).map(|(y, by)| by * along(*y)).sum()
+        let along = |y: usize| -> i64 { columns.iter().zip(weights).map(|(x, by)| by * gray(y, *x)).sum() };
+        near(y, rows).iter().zip(weights).map(|(y, by)| by * along(*y)).sum()
     };
 
-    let size = (rows, cols);
-    let (image, unit) = if is_mosaic { means(view, size, 16, sum) } else { means(view, size, 1, gray) };
+    let count = weights.iter().sum::<i64>().pow(2);
+    let (image, unit) = means(view, (rows, cols), count, sum);
     view_of_input(Input { image, mask: view.mask().cloned(), unit })
 }
 

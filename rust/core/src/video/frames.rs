@@ -351,8 +351,8 @@ impl<'a> Followed<'a, '_> {
                 }
             }
             _ => {
-                let (resolved, estimates) = self.estimates(pair, geometry, &facts)?;
-                pair = resolved;
+                let (changed, estimates) = self.estimates(pair, geometry, &facts)?;
+                pair = changed;
                 estimates
             }
         };
@@ -412,7 +412,7 @@ impl<'a> Followed<'a, '_> {
             let before = &appearance.estimates;
             if before.rasters != [Raster::Whole; 2] {
                 // The pair was resolved before.
-                found = found.resolved(before.rasters, before.photometry);
+                found = found.of_resolved(before.rasters, before.photometry);
             }
             found.confidence = before.confidence;
             found.range = before.range;

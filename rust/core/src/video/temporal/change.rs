@@ -241,7 +241,7 @@ fn write_excess(
     }
 }
 
-/// ViewChanges and means of a row of places; `excess` has the rows above and below, too.
+/// Changes and means of a row of places; `excess` has the rows above and below, too.
 #[leveled]
 fn update_row(
     level: Level,
