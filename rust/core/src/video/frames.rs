@@ -174,8 +174,7 @@ impl Rig {
             self.geometry = Some(Geometry::new(&matched.prepared.pair, estimates, raw));
         }
         if is_trusted {
-            let rasters = matched.treatment().rasters;
-            self.remember(&Estimates { rasters, ..estimates.clone() }, options.settings);
+            self.remember(estimates, options.settings, matched.treatment().rasters);
         }
         self.settle(estimates.blur.as_ref().filter(|_| is_trusted), summary.wrong);
 
@@ -187,11 +186,16 @@ impl Rig {
     }
 
     /// Keeps the estimates from this frame.
-    fn remember(&mut self, estimates: &Estimates, settings: &Settings) {
-        let appearance =
-            Appearance { estimates: estimates.clone(), settings: settings.clone(), frame: self.frames };
+    fn remember(&mut self, estimates: &Estimates, settings: &Settings, rasters: [Raster; 2]) {
+        let (settings, frame) = (settings.clone(), self.frames);
+        let appearance = Appearance { estimates: estimates.clone(), rasters, settings, frame };
         self.appearance = Some(Arc::new(appearance));
         self.sensors = Sensors::new(estimates, self.frames).or(self.sensors.take());
+    }
+
+    /// How the images of these cameras are read, as far as known.
+    fn rasters(&self) -> [Raster; 2] {
+        self.appearance.as_ref().map_or([Raster::Whole; 2], |appearance| appearance.rasters)
     }
 }
 
@@ -294,9 +298,9 @@ impl<'a> Followed<'a, '_> {
     /// The rectified pair, and whether it looks like before.
     fn input(&self, geometry: &Geometry) -> Result<RectifiedFrame<'a>> {
         let Runtime { execution, control, .. } = self.runtime;
-        let mut pair = match self.rig.appearance.as_ref().map(|appearance| appearance.estimates.rasters) {
-            Some(rasters) if rasters != [Raster::Whole; 2] => Cow::Owned(resolved(self.pair, rasters)?),
-            _ => Cow::Borrowed(self.pair),
+        let mut pair = match self.rig.rasters() {
+            [Raster::Whole, Raster::Whole] => Cow::Borrowed(self.pair),
+            rasters => Cow::Owned(resolved(self.pair, rasters)?),
         };
         if let Some(raw) = &geometry.cameras {
             pair = Cow::Owned(resampled(&pair, raw.places(control)?, control)?);
@@ -410,8 +414,8 @@ impl<'a> Followed<'a, '_> {
         let pair = if found.rasters == [Raster::Whole; 2] { pair } else { changed };
         if let Some(appearance) = &self.rig.appearance {
             let before = &appearance.estimates;
-            if before.rasters != [Raster::Whole; 2] {
-                // The pair was resolved before.
+            if appearance.rasters != [Raster::Whole; 2] {
+                // The pair was resolved before, and no longer shows it.
                 found = found.of_resolved(before.rasters, before.photometry);
             }
             found.confidence = before.confidence;
@@ -545,7 +549,8 @@ impl<'a> Followed<'a, '_> {
     /// Estimates everything again except the cameras that rectify the pair.
     fn rectified_anew(&self, raw: &Arc<Raw>) -> Result<(Geometry, FrameMatch)> {
         let facts = &self.facts_anew();
-        let pair = resampled(self.pair, raw.places(self.runtime.control)?, self.runtime.control)?;
+        let pair = resolved(self.pair, self.rig.rasters())?;
+        let pair = resampled(&pair, raw.places(self.runtime.control)?, self.runtime.control)?;
 
         let settings = self.options.settings;
         let (pair, estimates) = complete(pair, facts, settings, self.runtime)?;
@@ -594,7 +599,9 @@ impl<'a> Followed<'a, '_> {
             }
             self.learn_range(&mut geometry, &result.map);
             if !is_reused {
-                self.rig.remember(estimates, self.options.settings);
+                let is_raw = geometry.cameras.is_some();
+                let rasters = if is_raw { self.rig.rasters() } else { estimates.rasters };
+                self.rig.remember(estimates, self.options.settings, rasters);
             }
         }
         let rig = &mut *self.rig;
@@ -623,7 +630,7 @@ impl<'a> Followed<'a, '_> {
         }
 
         let cameras = self.rig.geometry.as_ref().and_then(|geometry| geometry.cameras.clone());
-        let cameras = cameras.map(|raw| (raw, [Raster::Whole; 2]));
+        let cameras = cameras.map(|raw| (raw, self.rig.rasters()));
         let matched = Matched::new(cameras, map, prepared, self.runtime.control)?;
         Ok(Frame { matched, summary, is_reused, support })
     }

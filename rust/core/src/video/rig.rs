@@ -25,6 +25,7 @@ use self::sensors::Sensors;
 use self::stopped::Stopped;
 use crate::estimation::Estimates;
 use crate::estimation::blur;
+use crate::estimation::raster::Raster;
 use crate::rectification::Raw;
 use crate::video::choices::{
     CALM_FRAMES, CHANGED_FRAMES, HEALTH_FRAMES, ILL_FROM, STRAIGHT_BELOW, STRAIGHT_FRAMES, STRAIGHTEN_ERRORS,
@@ -70,6 +71,8 @@ pub struct Rig {
 pub struct Appearance {
     /// The estimates.
     pub estimates: Estimates,
+    /// How the images were read as they came: frames are resolved before anything else.
+    pub rasters: [Raster; 2],
     /// The requested settings.
     pub settings: Settings,
     /// The frame.
