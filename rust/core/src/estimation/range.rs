@@ -12,6 +12,7 @@ use super::overview::{
 };
 use super::periods::periods;
 use phasestereo_match::base::error::Result;
+use phasestereo_match::base::linear::Normal;
 use phasestereo_match::base::plane::Plane;
 use phasestereo_match::base::statistics::ranked;
 use phasestereo_match::image::blocking::SIDE;
@@ -558,12 +559,16 @@ impl LeftOut {
     }
 }
 
-/// Whether both images are the same up to noise: nowhere do they differ as if one were shifted.
+/// Whether both images are the same up to noise and light: nowhere do they differ as if one were shifted.
 ///
-/// In each of some tiles, the difference is regressed on the slope of the gray values along both axes: the
-/// coefficients are shifts.
+/// ```text
+/// curve  = the polynomial of third degree with the least squares of curve(left) - right
+/// shifts = in each of some tiles, the coefficients of curve(left) - right
+///          on the slopes of curve(left) along both axes
+/// ```
 pub fn is_identical(copies: &Overview) -> bool {
     let [left, right] = &copies.planes;
+    let left = &in_the_light_of(left, right);
     let (rows, cols) = left.size();
     let tile = |at: usize, length: usize| at * (length - 2) / TILES + 1..(at + 1) * (length - 2) / TILES + 1;
 
@@ -587,6 +592,21 @@ pub fn is_identical(copies: &Overview) -> bool {
 
         by_along.abs() <= SHIFT * along && by_down.abs() <= SHIFT * down && rest <= along + down
     })
+}
+
+/// The gray values of an image, on the curve of those of another image at the same place.
+fn in_the_light_of(image: &Plane<f32>, other: &Plane<f32>) -> Plane<f32> {
+    let most = image.as_slice().iter().fold(f32::MIN_POSITIVE, |most, gray| most.max(gray.abs()));
+    let terms = |gray: f32| {
+        let t = f64::from(gray / most);
+        [1.0, t, t * t, t * t * t]
+    };
+    let mut fit = Normal::<4>::new(4);
+    for (gray, other) in image.as_slice().iter().zip(other.as_slice()) {
+        fit.add(&terms(*gray), f64::from(*other), 1.0);
+    }
+    let Some(curve) = fit.solved() else { return image.clone() };
+    image.map(|gray| terms(*gray).iter().zip(curve).map(|(term, factor)| term * factor).sum::<f64>() as f32)
 }
 
 /// The ends of the disparities of a run, without the few outermost ones.
