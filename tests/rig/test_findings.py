@@ -163,4 +163,27 @@ def test_a_pattern_that_both_images_share_is_subtracted_and_reported(data: Path)
     sharp = ps.match(pair.left, pair.right, num_disparities=count)
     for result, is_spoiled in ((found, True), (ps.check(*spoiled), True), (sharp, False)):
         sentences = [one.sentence for one in result.findings]
-        assert any("same faint pattern" in one for one in sentences) == is_spoiled
+        assert any("have the same pattern of" in one for one in sentences) == is_spoiled
+
+
+@pytest.mark.parametrize("mixed", [0.1, 0.2])
+def test_crosstalk_is_found_by_the_match_and_subtracted(data: Path, mixed: float) -> None:
+    pair = find_scene(data / "middlebury", "cones").load()
+    left, right = (one.astype(float).mean(2) for one in (pair.left, pair.right))
+    spoiled = [
+        np.rint((1 - mixed) * one + mixed * other).astype(np.uint8)
+        for one, other in ((left, right), (right, left))
+    ]
+
+    def wrong(disparity: Image) -> float:
+        assert pair.truth is not None
+        return float((np.abs(disparity - pair.truth) > 1)[pair.masks["nonocc"]].mean())
+
+    found = ps.match(*spoiled)
+    assert any("have the same pattern of" in one.sentence for one in found.findings)
+    assert wrong(found.disparity) < 0.15
+
+    rig = ps.Rig()
+    rig.match(*spoiled)
+    later = rig.match(*(np.roll(one, 1, axis=0) for one in spoiled))
+    assert wrong(np.roll(later.disparity, -1, axis=0)) < 0.15

@@ -16,7 +16,7 @@
 //! If nothing matches, the reduced images are tried once more with the negative of one. If that matches,
 //! everything above is repeated with the negative of the right image, which is then also matched. If an image
 //! is interlaced, or the raw mosaic of a color sensor, it is resolved ([`raster`]), and everything is
-//! repeated. For pairs in memory, a faint pattern that both images share is subtracted before anything else
+//! repeated. For pairs in memory, a pattern that both images share is subtracted before anything else
 //! ([`shared_pattern`]).
 //!
 //! Everything is computed in a fixed order, and a pair that is read a few rows at a time gives bit-identical
@@ -57,6 +57,7 @@ use self::photometry::{Contrast, Photometry, Scales};
 use self::range::{Copies, LeftOut, SearchRange};
 use self::raster::{Raster, resolved};
 use self::rows::RowOffsets;
+use self::shared_pattern::SameDetail;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::platform::Instant;
 use phasestereo_match::matcher::Execution;
@@ -99,9 +100,9 @@ pub fn complete(
     settings: &Settings,
     runtime: Runtime,
 ) -> Result<(Pair, Estimates)> {
-    let (pair, shared_pattern) = without_shared_pattern(pair, facts, settings)?;
+    let (pair, shared_pattern, same_detail) = without_shared_pattern(pair, facts, settings, runtime)?;
     let (pair, before) = completed(pair, facts, settings, runtime)?;
-    let before = Estimates { shared_pattern, ..before };
+    let before = Estimates { shared_pattern, same_detail, ..before };
     let Some(found) = before.photometry.filter(|_| may_resolve(&before, facts, settings)) else {
         return Ok((pair, before));
     };
@@ -115,16 +116,32 @@ pub fn complete(
     Ok((pair, Estimates { shared_pattern, time, ..after.of_resolved(rasters, before.photometry) }))
 }
 
-/// The pair without a pattern that both images share, and the strength of the pattern. It is not searched for
-/// in later frames, copies and resampled images: the pair they come from has already been examined.
-fn without_shared_pattern(pair: Pair, facts: &Facts, settings: &Settings) -> Result<(Pair, Option<f64>)> {
-    let is_known = facts.candidates.as_ref().is_some_and(|known| known.origin != Origin::Given);
-    if is_known || facts.is_of_these_pixels() || Request::new(facts, settings).is_empty() {
-        return Ok((pair, None));
+/// The pair without a pattern that both images share, and the strength of the pattern; and what was found.
+fn without_shared_pattern(
+    pair: Pair,
+    facts: &Facts,
+    settings: &Settings,
+    runtime: Runtime,
+) -> Result<(Pair, Option<f64>, SameDetail)> {
+    let same = if facts.has_shared_pattern {
+        SameDetail::Pattern
+    } else if may_share_pattern(facts, settings) {
+        shared_pattern::same_detail(&pair)
+    } else {
+        SameDetail::None
+    };
+    if same != SameDetail::Pattern {
+        return Ok((pair, None, same));
     }
+    let (clean, strength) = shared_pattern::removed(&pair, runtime)?;
+    Ok((clean, Some(strength), same))
+}
 
-    let found = shared_pattern::removed(&pair)?;
-    Ok(found.map_or((pair, None), |(clean, strength)| (clean, Some(strength))))
+/// Whether a pattern that both images share is to be searched for: not in later frames, copies and resampled
+/// images, since the pair they come from has already been examined.
+fn may_share_pattern(facts: &Facts, settings: &Settings) -> bool {
+    let is_known = facts.candidates.as_ref().is_some_and(|known| known.origin != Origin::Given);
+    !is_known && !facts.is_of_these_pixels() && !Request::new(facts, settings).is_empty()
 }
 
 /// [`complete`] for a pair without interlaced images.
@@ -366,6 +383,7 @@ impl Estimates {
             offsets: None,
             rows_apart: f64::INFINITY,
             shared_pattern: None,
+            same_detail: SameDetail::None,
             alignment: facts.aligned().cloned().flatten(),
             blur: None,
             photometry: None,

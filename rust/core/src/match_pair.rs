@@ -8,6 +8,7 @@
 //! if its rows are too far off to be aligned, and its images show the cameras:
 //!     pair, estimates = those of the rectified pair                # crate::rectification::raw_pair
 //! map = match(pair, prepared with its estimates)          # crate::scales, phasestereo_match::matcher
+//! if the map shows that both images share a pattern:  start over without it   # estimation::shared_pattern
 //! if the pair was rectified: map in the pixels of the raw left image;  if it was turned: turned back
 //! ```
 
@@ -15,6 +16,7 @@ use std::sync::Arc;
 
 use crate::estimation::facts::{Direction, Fact, Facts, INDEPENDENT, SUFFICIENT, evidence};
 use crate::estimation::raster::Raster;
+use crate::estimation::shared_pattern::{self, SameDetail};
 use crate::estimation::{Estimates, Prepared, complete, prepare};
 use crate::findings;
 use crate::rectification::axis::Axis;
@@ -40,7 +42,27 @@ pub fn match_pair(pair: Pair, facts: &Facts, settings: &Settings, runtime: Runti
 /// columns.
 pub fn match_as_turned(pair: Pair, facts: &Facts, settings: &Settings, runtime: Runtime) -> Result<Matched> {
     runtime.control.begin(settings.budget);
-    made_ready(pair, facts, settings, runtime)?.matched(settings, runtime)
+    let mut ready = made_ready(pair, facts, settings, runtime)?;
+    let suspect = ready.suspect.take();
+    let first = ready.matched(settings, runtime)?;
+    // The images show the same fine detail at the same place: the match shows whether that is a pattern, which
+    // the estimates did not distinguish from the scene.
+    let Some(pair) = suspect else { return Ok(first) };
+    let is_certain = shared_pattern::shows_through(&pair, &first.map);
+    let time = first.prepared.estimates.time + first.map.timings.total();
+    let is_possible = is_certain || shared_pattern::is_at_zero(&first.map);
+    if !is_possible || !runtime.control.has_time_for(time) {
+        return Ok(first);
+    }
+
+    let facts = Facts { has_shared_pattern: true, ..facts.clone() };
+    // The progress of this match counts separately.
+    let control = &runtime.control.aside();
+    let runtime = Runtime { control, ..runtime };
+    let second = made_ready(pair, &facts, settings, runtime)?.matched(settings, runtime)?;
+    // Where little but disparity 0 was found, most of the map has to be elsewhere now.
+    let least = if is_certain { shared_pattern::elsewhere(&first.map) } else { 0.5 };
+    Ok(if shared_pattern::elsewhere(&second.map) > least { second } else { first })
 }
 
 /// The pair, turned so that its rows are searched if its disparities are known to be along columns. Given
@@ -62,6 +84,8 @@ pub struct Ready {
     pub raw: Option<Arc<Raw>>,
     /// Whether the odd rows of the images, before rectification, became means of the even ones.
     pub rasters: [Raster; 2],
+    /// The pair as it came, if its images show the same fine detail at the same place.
+    suspect: Option<Pair>,
 }
 
 /// The changes made to a pair to get it ready for its match.
@@ -88,7 +112,7 @@ impl Ready {
 
     /// The changes made to the pair.
     pub fn treatment(&self) -> Treatment<'_> {
-        let Self { prepared, raw, rasters } = self;
+        let Self { prepared, raw, rasters, .. } = self;
         Treatment { prepared, raw: raw.as_deref(), rasters: *rasters }
     }
 }
@@ -98,6 +122,9 @@ pub fn made_ready(pair: Pair, facts: &Facts, settings: &Settings, runtime: Runti
     let pair = turned(pair, facts)?;
     let (pair, estimates) = complete(pair, facts, settings, runtime)?;
     let rasters = estimates.rasters;
+    let is_as_it_came = rasters == [Raster::Whole; 2] && !estimates.is_inverted;
+    let is_suspect = is_as_it_came && estimates.same_detail == SameDetail::Some && !estimates.is_one_image();
+    let suspect = is_suspect.then(|| pair.clone());
     let attempt = rectify_if_needed(&pair, &estimates, facts, settings, runtime)?;
     if let Attempt::Refused(Refusal::Axis(axis)) = attempt
         && let Some(ready) = along_columns(&pair, &estimates, axis, facts, settings, runtime)?
@@ -120,13 +147,17 @@ pub fn made_ready(pair: Pair, facts: &Facts, settings: &Settings, runtime: Runti
     estimates.findings.extend(raw.iter().map(|raw| findings::rectified(&raw.rectification)));
 
     let prepared = prepare(pair, estimates, &facts, settings, runtime)?;
-    Ok(Ready { prepared, raw, rasters })
+    Ok(Ready { prepared, raw, rasters, suspect })
 }
 
 /// The findings of a match's estimates, by topic. If the match of a small copy of the pair failed, the reason
 /// comes first: estimates alone do not show how well a pair matches.
 pub fn diagnosed(pair: Pair, facts: &Facts, settings: &Settings, runtime: Runtime) -> Result<Estimates> {
-    let Ready { prepared, .. } = made_ready(pair, facts, settings, runtime)?;
+    let Ready { mut prepared, suspect, .. } = made_ready(pair, facts, settings, runtime)?;
+    if let Some(pair) = suspect {
+        // Only the match shows whether its images share a pattern.
+        prepared = match_as_turned(pair, facts, settings, runtime)?.prepared;
+    }
     let (own, summary, size) = match_copy(&prepared, settings, runtime)?;
 
     let Prepared { pair, mut estimates, .. } = prepared;

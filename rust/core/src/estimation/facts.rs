@@ -88,6 +88,8 @@ pub struct Facts {
     pub rows: Rows,
     /// Whether the images match once one of them is inverted.
     pub is_inverted: bool,
+    /// Whether both images have the same pattern at the same place ([`super::shared_pattern`]).
+    pub has_shared_pattern: bool,
 }
 
 impl<T> Fact<T> {

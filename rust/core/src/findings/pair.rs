@@ -125,9 +125,9 @@ table! {
     Noise, Levels([0.02, 0.05]), noise(known), NOISE, well(NOISE), remedy("more light, or less gain, would help"),
         cause("noise", 0.0);
     Noise, Note, shared_pattern(known),
-        "both images have the same faint pattern of {0} gray levels at the same place, as of one camera that was moved, of dust \
-         or of film grain",
-        remedy("it is subtracted for the match; a dark frame or a flat field of the camera would remove all of it"),
+        "both images have the same pattern of {0} gray levels at the same place, as of one camera that was moved, dust, film \
+         grain, a reflection or crosstalk",
+        remedy("it is subtracted for the match, but some of it stays; a dark frame or a flat field would remove a fixed one"),
         cause("a pattern that both images share", 0.0);
     // The noise that would do the same harm, as a share of the range of gray levels.
     Coding, Levels([0.006, 0.03]), coding(known),

@@ -45,6 +45,8 @@ pub enum Fault {
     Interlaced,
     /// Pixels of both images are behind filters of different colors.
     Mosaic,
+    /// Each image has a fifth of the other one in it; texture is coarse.
+    Crosstalk,
     /// The right image is darker toward its corners, and has 16 bits.
     Vignetting,
     /// Colors, as floats, the right ones half as large.
@@ -129,6 +131,11 @@ pub fn pair(fault: Fault, size: (usize, usize), moment: u32) -> [Input; 2] {
             let filter =
                 |y: i32, x: i32, value: i32| value * [4, 7, 7, 5][(2 * (y % 2) + x % 2) as usize] / 8;
             [changed(&left, filter), changed(&right, filter)]
+        }
+        Fault::Crosstalk => {
+            let [left, right] = [&left, &right].map(|image| mean(image, 3, 3));
+            let mixed = |other| move |y, x, value| (4 * value + at(other, y, x)) / 5;
+            [changed(&left, mixed(&right)), changed(&right, mixed(&left))]
         }
         Fault::Vignetting => {
             let darker = |y: i32, x: i32, value: i32| {

@@ -29,7 +29,7 @@ use crate::estimation::range::{self, Asked};
 use crate::estimation::raster::{Raster, resolved};
 use crate::estimation::rows::RowOffsets;
 use crate::estimation::tracks::{AROUND, follow_here};
-use crate::estimation::{Estimates, Prepared, complete, prepare};
+use crate::estimation::{Estimates, Prepared, complete, prepare, shared_pattern};
 use crate::finding::{Finding, Severity};
 use crate::findings;
 use crate::match_pair::{Matched, match_as_turned, turned};
@@ -295,13 +295,24 @@ impl<'a> Followed<'a, '_> {
         self.finished(result, is_reused, filter, is_anew)
     }
 
+    /// The pair without the pattern that these images share, resolved.
+    fn repaired(&self) -> Result<Cow<'a, Pair>> {
+        let mut pair = Cow::Borrowed(self.pair);
+        let appearance = self.rig.appearance.as_deref();
+        if appearance.is_some_and(|appearance| appearance.estimates.shared_pattern.is_some()) {
+            pair = Cow::Owned(shared_pattern::removed(&pair, self.runtime)?.0);
+        }
+        let rasters = self.rig.rasters();
+        if rasters != [Raster::Whole; 2] {
+            pair = Cow::Owned(resolved(&pair, rasters)?);
+        }
+        Ok(pair)
+    }
+
     /// The rectified pair, and whether it looks like before.
     fn input(&self, geometry: &Geometry) -> Result<RectifiedFrame<'a>> {
         let Runtime { execution, control, .. } = self.runtime;
-        let mut pair = match self.rig.rasters() {
-            [Raster::Whole, Raster::Whole] => Cow::Borrowed(self.pair),
-            rasters => Cow::Owned(resolved(self.pair, rasters)?),
-        };
+        let mut pair = self.repaired()?;
         if let Some(raw) = &geometry.cameras {
             pair = Cow::Owned(resampled(&pair, raw.places(control)?, control)?);
         }
@@ -418,6 +429,7 @@ impl<'a> Followed<'a, '_> {
                 // The pair was resolved before, and no longer shows it.
                 found = found.of_resolved(before.rasters, before.photometry);
             }
+            found.shared_pattern = before.shared_pattern;
             found.confidence = before.confidence;
             found.range = before.range;
             found.left_out.clone_from(&before.left_out);
@@ -549,8 +561,7 @@ impl<'a> Followed<'a, '_> {
     /// Estimates everything again except the cameras that rectify the pair.
     fn rectified_anew(&self, raw: &Arc<Raw>) -> Result<(Geometry, FrameMatch)> {
         let facts = &self.facts_anew();
-        let pair = resolved(self.pair, self.rig.rasters())?;
-        let pair = resampled(&pair, raw.places(self.runtime.control)?, self.runtime.control)?;
+        let pair = resampled(&*self.repaired()?, raw.places(self.runtime.control)?, self.runtime.control)?;
 
         let settings = self.options.settings;
         let (pair, estimates) = complete(pair, facts, settings, self.runtime)?;
