@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from types import MappingProxyType
 from typing import Any, TypeAlias
 
 from phasestereo_bench.datasets import Pair, Scene
@@ -16,13 +15,11 @@ Recipe: TypeAlias = Callable[..., Any]
 """A function that degrades an image, and keeps its shape and type. In the suites "rigs" and
 "rigs-2" it is a `Fault`, which takes a whole pair."""
 
-SUITES: Mapping[str, Mapping[str, Recipe]] = MappingProxyType(
-    {
-        "one-sided-blur": MappingProxyType(suite()),
-        "sharp": MappingProxyType({"sharp": Degradation()}),
-        **RIGS,
-    }
-)
+SUITES: Mapping[str, Mapping[str, Recipe]] = {
+    "one-sided-blur": suite(),
+    "sharp": {"sharp": Degradation()},
+    **RIGS,
+}
 """The degradations of each suite by name."""
 
 _SCENES = frozenset(
@@ -48,9 +45,9 @@ _PLANES = frozenset(
     )
 )
 
-SUITE_SCENES: Mapping[str, frozenset[str]] = MappingProxyType(
-    dict.fromkeys(SUITES, _SCENES) | {"rigs-2": _SCENES | _PLANES}
-)
+SUITE_SCENES: Mapping[str, frozenset[str]] = dict.fromkeys(SUITES, _SCENES) | {
+    "rigs-2": _SCENES | _PLANES
+}
 """The scenes that the means of a suite cover, if it names them; each as `str(scene)`."""
 
 SIDES = ("left", "right", ALTERNATING)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from phasestereo_bench.methods import TRUE_BLUR
@@ -46,27 +45,25 @@ class Metric(NamedTuple):
 _DIGITS = {"%": 1, "px": 2, "": 3}
 
 
-METRICS: Mapping[str, Metric] = MappingProxyType(
-    {
-        "v2.nonocc": Metric("bad-1.0, non-occluded pixels", "%"),
-        "v2.all": Metric("bad-1.0, all pixels", "%"),
-        "v2.disc": Metric("bad-1.0, pixels near a depth jump", "%"),
-        "v3.bad_0_5": Metric("bad-0.5, non-occluded pixels", "%"),
-        "v3.bad_1": Metric("bad-1.0, non-occluded pixels, clipped to the range", "%"),
-        "v3.bad_2": Metric("bad-2.0, non-occluded pixels", "%"),
-        "v3.bad_4": Metric("bad-4.0, non-occluded pixels", "%"),
-        "v3.invalid": Metric("missing estimates, non-occluded pixels", "%"),
-        "v3.avgerr": Metric("mean error, non-occluded pixels", "px"),
-        "v3.rms": Metric("root mean square error, non-occluded pixels", "px"),
-        "v3.a50": Metric("A50, non-occluded pixels", "px"),
-        "v3.a90": Metric("A90, non-occluded pixels", "px"),
-        "v3.a95": Metric("A95, non-occluded pixels", "px"),
-        "v3.a99": Metric("A99, non-occluded pixels", "px"),
-        "d1": Metric("D1, non-occluded pixels", "%"),
-        "epe": Metric("end-point error, non-occluded pixels", "px"),
-        "roc": Metric("ROC area of the confidence, non-occluded pixels", "", more=True),
-    }
-)
+METRICS: Mapping[str, Metric] = {
+    "v2.nonocc": Metric("bad-1.0, non-occluded pixels", "%"),
+    "v2.all": Metric("bad-1.0, all pixels", "%"),
+    "v2.disc": Metric("bad-1.0, pixels near a depth jump", "%"),
+    "v3.bad_0_5": Metric("bad-0.5, non-occluded pixels", "%"),
+    "v3.bad_1": Metric("bad-1.0, non-occluded pixels, clipped to the range", "%"),
+    "v3.bad_2": Metric("bad-2.0, non-occluded pixels", "%"),
+    "v3.bad_4": Metric("bad-4.0, non-occluded pixels", "%"),
+    "v3.invalid": Metric("missing estimates, non-occluded pixels", "%"),
+    "v3.avgerr": Metric("mean error, non-occluded pixels", "px"),
+    "v3.rms": Metric("root mean square error, non-occluded pixels", "px"),
+    "v3.a50": Metric("A50, non-occluded pixels", "px"),
+    "v3.a90": Metric("A90, non-occluded pixels", "px"),
+    "v3.a95": Metric("A95, non-occluded pixels", "px"),
+    "v3.a99": Metric("A99, non-occluded pixels", "px"),
+    "d1": Metric("D1, non-occluded pixels", "%"),
+    "epe": Metric("end-point error, non-occluded pixels", "px"),
+    "roc": Metric("ROC area of the confidence, non-occluded pixels", "", more=True),
+}
 """The metrics by their names in a record."""
 
 

@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from textwrap import fill
-from types import MappingProxyType
 
 from phasestereo.io.drafts import replacing
 from phasestereo_bench.report.markdown import fill_markers, markdown_table, markdown_text
@@ -21,22 +20,20 @@ Maker = Callable[[Results, str], Table]
 Words = Callable[[Results, str], str]
 
 
-MARKERS: Mapping[str, tuple[str, Maker, Words]] = MappingProxyType(
-    {
-        "one-sided-blur-means": ("one-sided-blur", mean_table, explain),
-        "one-sided-blur-scenes": ("one-sided-blur", scene_table, explain),
-        "sharp": ("sharp", scene_table, explain),
-        "sharp-means": ("sharp", two_table, explain),
-        "sharp-v2": ("sharp", v2_table, explain_v2),
-        "sharp-v3": ("sharp", v3_table, explain_v3),
-        **{
-            f"rigs-{fault.group}": (suite, partial(fault_table, group=fault.group), explain_faults)
-            for suite, faults in RIGS.items()
-            for fault in faults.values()
-            if fault.group != "sharp"
-        },
-    }
-)
+MARKERS: Mapping[str, tuple[str, Maker, Words]] = {
+    "one-sided-blur-means": ("one-sided-blur", mean_table, explain),
+    "one-sided-blur-scenes": ("one-sided-blur", scene_table, explain),
+    "sharp": ("sharp", scene_table, explain),
+    "sharp-means": ("sharp", two_table, explain),
+    "sharp-v2": ("sharp", v2_table, explain_v2),
+    "sharp-v3": ("sharp", v3_table, explain_v3),
+    **{
+        f"rigs-{fault.group}": (suite, partial(fault_table, group=fault.group), explain_faults)
+        for suite, faults in RIGS.items()
+        for fault in faults.values()
+        if fault.group != "sharp"
+    },
+}
 """The names that markers can have: the suite whose results they show, the table, and its footer."""
 
 _WIDTH = 110

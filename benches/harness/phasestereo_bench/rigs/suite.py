@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import partial
-from types import MappingProxyType
 
 from phasestereo_bench.degradation import disk_psf, motion_psf
 from phasestereo_bench.rigs import capture, optics, sensor
@@ -163,18 +162,14 @@ _STEPS: dict[str, dict[str, dict[str, tuple[Step, ...]]]] = {
     },
 }
 
-RIGS: Mapping[str, Mapping[str, Fault]] = MappingProxyType(
-    {
-        suite: MappingProxyType(
-            {
-                name: Fault(name, group, steps)
-                for group, faults in groups.items()
-                for name, steps in faults.items()
-            }
-        )
-        for suite, groups in _STEPS.items()
+RIGS: Mapping[str, Mapping[str, Fault]] = {
+    suite: {
+        name: Fault(name, group, steps)
+        for group, faults in groups.items()
+        for name, steps in faults.items()
     }
-)
+    for suite, groups in _STEPS.items()
+}
 """The faults of both suites by name; faults of a group are adjacent and share a table."""
 
 FAULTS = RIGS["rigs"]

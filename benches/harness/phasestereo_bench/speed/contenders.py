@@ -9,7 +9,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping
 from functools import partial
-from types import MappingProxyType
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -25,9 +24,7 @@ MATCH = "+match"
 Call: TypeAlias = Callable[..., Any]
 """A function that takes the two images."""
 
-OURS: Mapping[str, str] = MappingProxyType(
-    {preset: f"phasestereo:{preset}" for preset in ("fast", "robust")}
-)
+OURS: Mapping[str, str] = {preset: f"phasestereo:{preset}" for preset in ("fast", "robust")}
 """The names of our contenders, by preset. Each is timed against all rivals."""
 
 
@@ -49,17 +46,15 @@ def _bm_unchecked(num_disparities: int, _threads: int | None) -> Call:
     return matcher.compute
 
 
-CONTENDERS: Mapping[str, Callable[[int, int | None], Call]] = MappingProxyType(
-    {
-        **{name: partial(_ours, preset) for preset, name in OURS.items()},
-        **{name + MATCH: partial(_ours_once, preset) for preset, name in OURS.items()},
-        "opencv:bm": lambda count, _: create_bm(count).compute,
-        "opencv:bm-unchecked": _bm_unchecked,
-        "opencv:sgbm-3way": lambda count, _: (
-            create_sgbm(count, "STEREO_SGBM_MODE_SGBM_3WAY", channels=1).compute
-        ),
-    }
-)
+CONTENDERS: Mapping[str, Callable[[int, int | None], Call]] = {
+    **{name: partial(_ours, preset) for preset, name in OURS.items()},
+    **{name + MATCH: partial(_ours_once, preset) for preset, name in OURS.items()},
+    "opencv:bm": lambda count, _: create_bm(count).compute,
+    "opencv:bm-unchecked": _bm_unchecked,
+    "opencv:sgbm-3way": lambda count, _: (
+        create_sgbm(count, "STEREO_SGBM_MODE_SGBM_3WAY", channels=1).compute
+    ),
+}
 """The makers of the contenders, for a number of disparities and threads; None means all threads.
 
 OpenCV's matchers take their threads from `set_opencv_threads` instead.

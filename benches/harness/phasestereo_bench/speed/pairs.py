@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -171,15 +170,13 @@ def _gray(image: NDArray[np.generic]) -> Gray:
     return np.asarray(cv2.cvtColor(np.ascontiguousarray(image[..., :3]), cv2.COLOR_RGB2GRAY))
 
 
-PAIRS: MappingProxyType[str, PairSource] = MappingProxyType(
-    {
-        "tsukuba": PairSource(16, partial(_scene, "scenes2001/tsukuba")),
-        "cones": PairSource(64, partial(_scene, "scenes2003/cones")),
-        "Motorcycle": PairSource(64, partial(_scene, "trainingQ/Motorcycle")),
-        "chess": PairSource(256, _chess),
-        "full-hd": _render(1920, 1080, 128),
-        "rendered": _render(2964, 1988, 256),
-    }
-)
+PAIRS: Mapping[str, PairSource] = {
+    "tsukuba": PairSource(16, partial(_scene, "scenes2001/tsukuba")),
+    "cones": PairSource(64, partial(_scene, "scenes2003/cones")),
+    "Motorcycle": PairSource(64, partial(_scene, "trainingQ/Motorcycle")),
+    "chess": PairSource(256, _chess),
+    "full-hd": _render(1920, 1080, 128),
+    "rendered": _render(2964, 1988, 256),
+}
 """The pairs by name, with the rendered pairs at the end. Other pairs are rendered by their names:
 "0.1MPx16" to "24MPx512"."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from types import MappingProxyType
 from typing import Any
 
 from phasestereo_bench.report.tables import MISSING, Entry, Table
@@ -13,14 +12,12 @@ Record = Mapping[str, Any]
 KIND = "speed"
 """The kind of the records."""
 
-_TITLES: Mapping[str, str] = MappingProxyType(
-    {
-        "opencv:bm": "StereoBM",
-        "opencv:bm-unchecked": "StereoBM unchecked",
-        "opencv:sgbm-3way": "SGBM 3-way",
-        "match": "ps.match",
-    }
-)
+_TITLES: Mapping[str, str] = {
+    "opencv:bm": "StereoBM",
+    "opencv:bm-unchecked": "StereoBM unchecked",
+    "opencv:sgbm-3way": "SGBM 3-way",
+    "match": "ps.match",
+}
 """The rivals, in the order of the tables, and their names there."""
 
 _LABELS = ("pair", "size", "preset", "d", "threads")
