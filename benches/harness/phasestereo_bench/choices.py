@@ -14,12 +14,9 @@ from hashlib import sha256
 from pathlib import Path
 from statistics import fmean
 
-from phasestereo_bench.report.cells import METRICS
+from phasestereo_bench.report.cells import METRIC, METRICS
 from phasestereo_bench.report.results import read_results
 from phasestereo_bench.report.tables import Table, means
-
-METRIC = "v2.nonocc"
-"""The score of variants, a name in `METRICS`."""
 
 AS_IT_IS = "as it is"
 """The variant with all of its values unchanged."""

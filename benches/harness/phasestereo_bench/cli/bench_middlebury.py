@@ -18,8 +18,8 @@ from phasestereo_bench.cli.bench_tables import show
 from phasestereo_bench.cli.parameters import CELLS, RUN, SCENES, Flag, Folders, Names, RecordsFile
 from phasestereo_bench.methods import method as method_of, present
 from phasestereo_bench.middlebury import default_methods, middlebury_jobs
-from phasestereo_bench.report.cells import KIND, METRICS
-from phasestereo_bench.report.origin import explain, origin
+from phasestereo_bench.report.cells import KIND, METRIC, METRICS
+from phasestereo_bench.report.origin import explain, made_with
 from phasestereo_bench.report.plots import draw_means, save_plot
 from phasestereo_bench.report.results import Results, read_results, results_of
 from phasestereo_bench.report.sharp import sharp_tables
@@ -102,7 +102,7 @@ def middlebury(
     for shown in dict.fromkeys(record["side"] for record in records if record["status"] == "ok"):
         own = [*known, *(record for record in records if record["side"] == shown)]
         results = results_of({str(number): line for number, line in enumerate(own)})
-        show_results(results, "v2.nonocc", further)
+        show_results(results, METRIC, further)
 
     require_done(records, "cells", "method", "scene", "degradation")
 
@@ -119,7 +119,7 @@ def rivals(hitnet: Path | None, others: Sequence[str] = ()) -> list[str]:
 def report(
     *results: Path,
     output: Annotated[Path | None, Parameter(alias="-o")] = None,
-    metric: str = "v2.nonocc",
+    metric: str = METRIC,
     method: Names = (),
     suite: str | None = None,
     side: str | None = None,
@@ -173,8 +173,8 @@ def show_results(results: Results, metric: str, further: Sequence[str]) -> None:
     show(
         {
             METRICS[metric].label: mean_table(results, metric),
-            **{title: table for title, (_, table) in sharp_tables(results).items()},
+            **sharp_tables(results),
             "One pair, one thread": cost_table(results),
         },
-        *(explain(results, metric), origin(results), *failed, *further),
+        *(explain(results, metric), made_with(results.environments.values()), *failed, *further),
     )

@@ -214,10 +214,6 @@ class Experiment:
     rules: tuple[str, ...] = ("2n + 1", "3n")
     rival: MatchingCost = SAD
 
-    def levels_of(self, *, quick: bool) -> tuple[float, ...]:
-        """Return the levels to measure."""
-        return self.quick_levels if quick else self.levels
-
     def blur(self, level: float) -> PaperBlur:
         """Return the degradation of the left image, or one that changes nothing."""
         return SHARP if self.is_sharp(level) else PaperBlur(self.kind, level)

@@ -22,7 +22,7 @@ from phasestereo_bench.paper.experiments import EXPERIMENTS, NSAD, PROTOCOLS, SA
 from phasestereo_bench.paper.study import SCENES, Reading, Study, curve
 from phasestereo_bench.report.markdown import markdown_table, markdown_text
 from phasestereo_bench.report.origin import made_with
-from phasestereo_bench.report.plots import save_plot
+from phasestereo_bench.report.plots import figure_of, save_plot
 from phasestereo_bench.store import read_store
 
 Panels = Mapping[str, Mapping[str, Mapping[Any, float]]]
@@ -126,10 +126,8 @@ def _draw_figures(readings: Sequence[Reading], folder: Path) -> list[Path]:
 
 def _draw(panels: Panels, path: Path) -> Path:
     """Draw lines by name in panels by title, two in a row."""
-    from matplotlib.figure import Figure  # noqa: PLC0415  # slow to import; measuring does without
-
     height = len(panels) // 2
-    figure = Figure((8, 2.4 * height), layout="constrained")
+    figure = figure_of(8, 2.4 * height)
     grid = figure.subplots(height, 2, squeeze=False)
 
     for axes, (title, named) in zip(grid.flat, panels.items(), strict=True):

@@ -32,7 +32,6 @@ from phasestereo_bench.paper.experiments import (
     QUICK_BITS_SIGMAS,
     QUICK_GRID,
     SHARP,
-    SMALLEST,
     Experiment,
     Grid,
     MatchingCost,
@@ -201,7 +200,7 @@ class TuningTask(NamedTuple):
     @property
     def tied(self) -> list[Settings]:
         """Settings from which the protocol "tied" chooses its penalty."""
-        return self.candidates(Grid((SMALLEST,), (SMALLEST,)))
+        return self.candidates(QUICK_GRID)
 
     def cells(self, grid: Grid) -> list[PaperCell]:
         """Return all cells to measure before the choice."""
@@ -398,7 +397,7 @@ def _points(choices: Mapping[TuningTask, ChosenSettings], *, quick: bool) -> lis
         for scene in SCENES
         for protocol in PROTOCOLS
         for series in experiment.series(protocol)
-        for level in experiment.levels_of(quick=quick)
+        for level in (experiment.quick_levels if quick else experiment.levels)
     ]
 
 

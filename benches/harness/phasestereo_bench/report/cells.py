@@ -66,6 +66,9 @@ METRICS: Mapping[str, Metric] = {
 }
 """The metrics by their names in a record."""
 
+METRIC = "v2.nonocc"
+"""The one that documents show."""
+
 
 class Place(NamedTuple):
     """A scene of a collection."""

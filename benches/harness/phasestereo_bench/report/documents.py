@@ -9,6 +9,7 @@ from pathlib import Path
 from textwrap import fill
 
 from phasestereo.io.drafts import replacing
+from phasestereo_bench.report.cells import METRIC
 from phasestereo_bench.report.markdown import fill_markers, markdown_table, markdown_text
 from phasestereo_bench.report.origin import explain, explain_faults
 from phasestereo_bench.report.results import Results
@@ -74,21 +75,21 @@ def small_print(text: str) -> str:
     return fill(markdown_text(text), _WIDTH, break_on_hyphens=False)
 
 
-def document_texts(results: Results, *, metric: str = "v2.nonocc") -> dict[str, str]:
+def document_texts(results: Results) -> dict[str, str]:
     """Return the tables of these results as Markdown, by the names of their markers.
 
     Raises
     ------
     ValueError
-        If the results have no number of the metric.
+        If the results have no number of `METRIC`.
     """
-    results.require_metric(metric)
+    results.require_metric(METRIC)
 
     texts: dict[str, str] = {}
     for name, (suite, table, words) in MARKERS.items():
         if suite == results.suite:
-            texts[name] = markdown_table(table(results, metric))
+            texts[name] = markdown_table(table(results, METRIC))
             # One page has all tables of faults, and explains them once.
             if words is not explain_faults or len(texts) == 1:
-                texts[name] += f"\n\n{small_print(words(results, metric))}"
+                texts[name] += f"\n\n{small_print(words(results, METRIC))}"
     return texts

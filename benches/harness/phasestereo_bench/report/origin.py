@@ -50,13 +50,8 @@ def left_out(results: Results, metric: str) -> str:
     return missing * bool(lacking) + beyond * bool(others)
 
 
-def origin(results: Results) -> str:
-    """Name the software and the machines behind the numbers."""
-    return made_with(results.environments.values())
-
-
 def made_with(environments: Iterable[Mapping[str, Any]]) -> str:
-    """Name the environments, once if they differ only in date; the records hold the rest."""
+    """Name the software and the machines, once if they differ only in date."""
     alike: dict[str, list[Mapping[str, Any]]] = {}
     for known in environments:
         alike.setdefault(_environment(known), []).append(known)

@@ -100,7 +100,8 @@ def draw_means(results: Results, metric: str) -> Any:
     axes.set_xlabel(f"{METRICS[metric].label}: {METRICS[metric].better}", color=SOFT)
     over = uniform or "scenes (how many)"
 
-    _title(figure, f"Means over {over}, {results.state}")
+    title = f"Means over {over}, {results.state}"
+    figure.suptitle(title, x=0.01, ha="left", size=12, weight="bold", color=INK)
     figure.legend(loc="outside right upper", frameon=False, handletextpad=0.2)
 
     return figure
@@ -144,7 +145,3 @@ def rule(axes: Any, labels: Sequence[str]) -> None:
     axes.set_axisbelow(True)
     for spine in axes.spines.values():
         spine.set_visible(False)
-
-
-def _title(figure: Any, text: str) -> None:
-    figure.suptitle(text, x=0.01, ha="left", size=12, weight="bold", color=INK)

@@ -38,18 +38,16 @@ _V3 = {
 }
 
 
-def sharp_tables(results: Results) -> dict[str, tuple[str, Table]]:
-    """Return the tables by title, each with an explanation first; no table for another suite."""
+def sharp_tables(results: Results) -> dict[str, Table]:
+    """Return the tables by title; no table for another suite."""
     if results.suite != "sharp":
         return {}
     tables = {
-        "As in version 2 of the Middlebury evaluation": (explain_v2(results), v2_table(results)),
-        "As in version 3": (explain_v3(results), v3_table(results)),
+        "As in version 2 of the Middlebury evaluation": v2_table(results),
+        "As in version 3": v3_table(results),
+        "The sizes of version 3": size_table(results.cells.values()),
     }
-    sizes = size_table(results.cells.values())
-    if sizes is not None:
-        tables["The sizes of version 3"] = (explain_sizes(), sizes)
-    return {title: both for title, both in tables.items() if both[1].header[1:]}
+    return {title: table for title, table in tables.items() if table and table.header[1:]}
 
 
 def v2_table(results: Results, _metric: str = "") -> Table:
@@ -160,15 +158,6 @@ def size_table(cells: Iterable[Cell]) -> Table | None:
         return None
     rows = [row for size in SIZES if size in groups for row in _rows(SIZES[size], groups[size])]
     return Table(_HEADER, tuple(rows), labels=2)
-
-
-def explain_sizes() -> str:
-    """Explain the figures of `size_table`."""
-    return (
-        "MiddEval3, non-occluded pixels, means over the scenes that all methods of a size have. "
-        "Official: more than 2 px off in pixels of the full size, %. Bad-T in %, and the mean "
-        "error, are in pixels of the images; less is better."
-    )
 
 
 def _rows(size: Size, methods: dict[str, list[Cell]]) -> list[tuple[Entry, ...]]:

@@ -11,14 +11,14 @@ from pathlib import Path
 from statistics import fmean
 from typing import Any
 
-from phasestereo_bench.report.cells import METRICS
+from phasestereo_bench.report.cells import METRIC, METRICS
 from phasestereo_bench.report.documents import small_print
 from phasestereo_bench.report.markdown import markdown_table
 from phasestereo_bench.report.origin import made_with
 from phasestereo_bench.report.plots import GRID, INK, SOFT, figure_of, rule, save_plot
 from phasestereo_bench.report.tables import MISSING, Entry, Table, figures
 from phasestereo_bench.rigs import RIGS
-from phasestereo_bench.tables.headline import METRIC
+from phasestereo_bench.tables.headline import largest_sharp
 from phasestereo_bench.tables.plan import AUTO
 
 Numbers = Mapping[str, Any]
@@ -110,7 +110,7 @@ def comparison_table(numbers: Numbers) -> Table:
         ("s / MP", "seconds", 1e6, ".2g"),
         ("MB", "peak_bytes", 1e-6, ".0f"),
     ):
-        costs = [_cost(numbers, method) or {} for method in there]
+        costs = [largest_sharp(_costs(numbers), method) or {} for method in there]
         each = [cost["pixels"] if cost and field == "seconds" else 1 for cost in costs]
         taken = [
             f"{cost[field] * scale / per:{form}}" if cost.get(field) else MISSING
@@ -124,7 +124,7 @@ def comparison_table(numbers: Numbers) -> Table:
 def _draw_time(numbers: Numbers) -> Any:
     """Draw errors on sharp pairs against time."""
     errors = {m: fmean(v) for m, v in _means(numbers, "sharp", "sharp").items()}
-    times = {m: cost for m in errors if (cost := _cost(numbers, m)) is not None}
+    times = {m: cost for m in errors if (cost := largest_sharp(_costs(numbers), m)) is not None}
     shown = [method for method in _LOOKS if method in times]
     if not shown:
         return None
@@ -215,9 +215,3 @@ def _costs(numbers: Numbers) -> list[Mapping[str, Any]]:
     cpus = {each["id"]: each["cpu"] for each in numbers["environments"]}
     costs = [(cost, cpus[cost["environment"]]) for cost in numbers["costs"]]
     return [cost for cost, cpu in costs if cpu == costs[-1][1]]
-
-
-def _cost(numbers: Numbers, method: str) -> Mapping[str, Any] | None:
-    """Return the cost of the largest sharp pair, if a method was timed."""
-    own = [c for c in _costs(numbers) if (c["method"], c["degradation"]) == (method, "sharp")]
-    return max(own, key=lambda cost: float(cost["pixels"]), default=None)

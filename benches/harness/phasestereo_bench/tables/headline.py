@@ -6,14 +6,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from phasestereo_bench.costs import CASES
-from phasestereo_bench.report.cells import METRICS
+from phasestereo_bench.report.cells import METRIC, METRICS
 from phasestereo_bench.report.results import Results
 from phasestereo_bench.report.tables import MISSING, Entry, Table, blurs, figures, means
 from phasestereo_bench.tables.plan import AUTO
 
 Record = Mapping[str, Any]
-
-METRIC = "v2.nonocc"
 
 TITLES = {
     "fast": "fast",
@@ -86,13 +84,18 @@ def cost_table(costs: Sequence[Record]) -> Table:
     return Table(header, tuple(rows), labels=2)
 
 
+def largest_sharp(costs: Sequence[Record], method: str) -> Record | None:
+    """Return the cost of the largest sharp pair, if a method was timed."""
+    own = [r for r in costs if (r["method"], r["degradation"]) == (method, "sharp")]
+    return max(own, key=lambda record: float(record["pixels"]), default=None)
+
+
 def _cost(costs: Sequence[Record], method: str) -> tuple[Entry, Entry]:
     """Return seconds per megapixel and MB for the largest sharp pair that a method was timed on."""
-    sharp = [r for r in costs if (r["method"], r["degradation"]) == (method, "sharp")]
-    if not sharp:
+    largest = largest_sharp(costs, method)
+    if largest is None:
         return Entry(MISSING), Entry(MISSING)
 
-    largest = max(sharp, key=lambda record: float(record["pixels"]))
     peak = largest["peak_bytes"]
     memory = Entry(f"{peak / 1e6:.0f}" if peak else MISSING)
     return Entry(f"{largest['seconds'] / largest['pixels'] * 1e6:.2f}"), memory

@@ -7,7 +7,7 @@ from statistics import fmean, pstdev
 from typing import Any
 
 from phasestereo_bench.real.jobs import FRAMES, PAIRS, ROWS
-from phasestereo_bench.report.cells import METRICS
+from phasestereo_bench.report.cells import METRIC, METRICS
 from phasestereo_bench.report.tables import MISSING, Entry, Table, figures
 
 Record = Mapping[str, Any]
@@ -57,7 +57,7 @@ def pairs_table(records: Sequence[Record]) -> Table:
     rows = []
     for name in _unique(mine, "pair"):
         values = {r["method"]: r["bad_1"] for r in mine if r["pair"] == name}
-        rows.append((Entry(name), *figures(methods, values, METRICS["v2.nonocc"])))
+        rows.append((Entry(name), *figures(methods, values, METRICS[METRIC])))
 
     return Table(("pair", *methods), tuple(rows))
 
