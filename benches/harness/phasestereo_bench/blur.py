@@ -132,7 +132,23 @@ def blur_jobs(scenes: Iterable[Scene], *, every: int = 1) -> list[Job]:
 
     # Files may have changed since an earlier call in this process.
     cases.forget()
-    return [Job(_key(trial), try_out, {"trial": trial}) for trial in trials]
+    return [
+        Job(
+            {
+                "kind": KIND,
+                "collection": trial.scene.collection,
+                "scene": trial.scene.name,
+                "family": trial.family,
+                "size": trial.size,
+                "angle": trial.angle,
+                "side": trial.side,
+                "noise": trial.noise,
+            },
+            try_out,
+            {"trial": trial},
+        )
+        for trial in trials
+    ]
 
 
 def try_out(trial: BlurTrial) -> dict[str, Any]:
@@ -168,19 +184,6 @@ def _trials(scene: Scene) -> Sequence[BlurTrial]:
     alike = [BlurTrial(scene, *blur, "both", 1.0) for blur in _BLURS_OF_BOTH]
 
     return [BlurTrial(scene, "none", 0.0, 0.0, "neither", 0.0), *one_sided, *alike]
-
-
-def _key(trial: BlurTrial) -> dict[str, str | int | float | bool | None]:
-    return {
-        "kind": KIND,
-        "collection": trial.scene.collection,
-        "scene": trial.scene.name,
-        "family": trial.family,
-        "size": trial.size,
-        "angle": trial.angle,
-        "side": trial.side,
-        "noise": trial.noise,
-    }
 
 
 SIZE_PIXELS, SIZE_SHARE, ANGLE = 0.5, 0.1, 15.0

@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 
 from phasestereo_bench.datasets import Pair, Scene
 from phasestereo_bench.degradation import Degradation, Kernel, suite
-from phasestereo_bench.rigs import ALTERNATING, RIGS, Fault, side_of
+from phasestereo_bench.rigs import ALTERNATING, RIGS, SCENES, Fault, side_of
 
 Recipe: TypeAlias = Callable[..., Any]
 """A function that degrades an image, and keeps its shape and type. In the suites "rigs" and
@@ -22,37 +22,25 @@ SUITES: Mapping[str, Mapping[str, Recipe]] = {
 }
 """The degradations of each suite by name."""
 
-_SCENES = frozenset(
+PLANES = frozenset(
     f"{collection}/{scene}"
     for collection, scenes in (
-        ("scenes2001", ("tsukuba", "venus")),
-        ("scenes2003", ("cones",)),
-        ("scenes2005/ThirdSize", ("Art", "Moebius")),
-        ("scenes2006/ThirdSize", ("Aloe", "Baby1", "Rocks1", "Lampshade1")),
-        ("MiddEval3/trainingQ", ("Motorcycle", "Piano", "Playroom")),
+        ("MiddEval3/trainingQ", ("PianoL", "Playtable")),
+        ("scenes2006/ThirdSize", ("Lampshade2", "Midd2", "Monopoly", "Plastic")),
     )
     for scene in scenes
 )
+"""Scenes with large planes."""
 
-_PLANES = frozenset(
-    (
-        *(f"MiddEval3/trainingQ/{name}" for name in ("PianoL", "Playtable")),
-        *(
-            f"scenes2006/ThirdSize/{name}"
-            for name in ("Lampshade2", "Midd2", "Monopoly", "Plastic")
-        ),
-        *(f"kitti2012/training/{number}_10" for number in ("000027", "000151")),
-    )
-)
-
-SUITE_SCENES: Mapping[str, frozenset[str]] = dict.fromkeys(SUITES, _SCENES) | {
-    "rigs-2": _SCENES | _PLANES
+SUITE_SCENES: Mapping[str, frozenset[str]] = {
+    **dict.fromkeys(SUITES, frozenset(SCENES)),
+    "rigs-2": PLANES.union(
+        SCENES, ("kitti2012/training/000027_10", "kitti2012/training/000151_10")
+    ),
 }
 """The scenes that the means of a suite cover, if it names them; each as `str(scene)`."""
 
 SIDES = ("left", "right", ALTERNATING)
-
-_SUITE_SIDES = dict.fromkeys(RIGS, ALTERNATING)
 
 _KEPT = 2  # adjacent jobs need one degraded image, and its true blur
 
@@ -119,7 +107,7 @@ def require_known(argument: str, values: Iterable[object], known: Iterable[str])
 
 def usual_side(suite: str) -> str:
     """Return the image of a suite's pairs that is degraded by default."""
-    return _SUITE_SIDES.get(suite, "left")
+    return ALTERNATING if suite in RIGS else "left"
 
 
 @lru_cache(_KEPT)

@@ -66,9 +66,11 @@ def measure_case(case: Case, spec: str) -> dict[str, Any]:
     match(left, right, count)
     runs = [measured(lambda: match(left, right, count)) for _ in range(_ROUNDS)]
 
+    # Some libraries keep the memory of an earlier match, so a fresh process weighs.
+    sharp, arguments = case.degradation == "sharp", {"case": case, "spec": spec}
     return {
         "seconds": median(run.seconds for run in runs),
-        "peak_bytes": _memory(case, spec) if case.degradation == "sharp" else None,
+        "peak_bytes": perform_alone(weigh, arguments).get("weight") if sharp else None,
         "pixels": left.shape[0] * left.shape[1],
     }
 
@@ -83,8 +85,3 @@ def weigh(case: Case, spec: str) -> dict[str, Any]:
     done = measured(lambda: match(pair.left, pair.right, pair.num_disparities))
 
     return {"weight": done.peak_bytes}
-
-
-def _memory(case: Case, spec: str) -> int | None:
-    """Weigh in a fresh process, because some libraries keep the memory of an earlier match."""
-    return perform_alone(weigh, {"case": case, "spec": spec}).get("weight")

@@ -68,6 +68,20 @@ class Pair:
     offset: float | None = None
     first: int = 0
 
+    @property
+    def known_truth(self) -> Map:
+        """The truth; raise ValueError if it is unknown."""
+        if self.truth is None:
+            raise ValueError(f"{self.name}: its truth is missing")
+        return self.truth
+
+    @property
+    def scored(self) -> tuple[Map, Mask]:
+        """The truth, and the mask of the visible pixels; raise ValueError if one is unknown."""
+        if "nonocc" not in self.masks:
+            raise ValueError(f"{self.name}: its mask of visible pixels is missing")
+        return self.known_truth, self.masks["nonocc"]
+
 
 class MaskFile(NamedTuple):
     """The mask file of a region: a gray image; pixels with a certain level or more are inside."""

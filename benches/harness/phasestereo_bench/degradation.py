@@ -15,6 +15,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy import ndimage
 
 Kernel = NDArray[np.float64]
 
@@ -157,8 +158,6 @@ def _convolve_plane(plane: NDArray[np.float64], kernel: Kernel) -> NDArray[np.fl
         from scipy import signal  # noqa: PLC0415  # slow to import, and most of the harness does without
 
         return np.asarray(signal.oaconvolve(padded, kernel, mode="valid"))
-    from scipy import ndimage  # noqa: PLC0415  # slow to import, and most of the harness does without
-
     blurred = np.asarray(ndimage.convolve(padded, kernel, mode="constant"))
     return blurred[up : up + plane.shape[0], across : across + plane.shape[1]]
 

@@ -129,7 +129,20 @@ def middlebury_jobs(
     ]
 
     jobs = [
-        Job(_key(case, entrant), score_case, {"case": case, "spec": spec})
+        Job(
+            {
+                "kind": "middlebury",
+                "suite": case.suite,
+                "collection": case.scene.collection,
+                "scene": case.scene.name,
+                "degradation": case.degradation,
+                "side": case.side,
+                "method": entrant.name,
+                "true_blur": entrant.true_blur,
+            },
+            score_case,
+            {"case": case, "spec": spec},
+        )
         for case in rows
         for entrant, spec in entrants
         if case.kernel is not None or not entrant.true_blur
@@ -208,23 +221,19 @@ def matched(entrant: Method, left: Image, right: Image, num_disparities: int) ->
 
 def wrong_shares(pair: Pair, spec: str | Method) -> dict[str, float]:
     """Match a pair; return the shares of wrong visible pixels, %: "bad_1", "bad_2"."""
-    if pair.truth is None:
-        raise ValueError(f"{pair.name}: the pair has no truth")
-    found, mask = matched_pair(method(spec), pair).disparity, pair.masks["nonocc"]
-    return {f"bad_{px}": bad_pixels(found, pair.truth, float(px), mask) for px in (1, 2)}
+    truth, mask = pair.scored
+    found = matched_pair(method(spec), pair).disparity
+    return {f"bad_{px}": bad_pixels(found, truth, float(px), mask) for px in (1, 2)}
 
 
 def _metrics(disparity: Floats, pair: Pair) -> dict[str, Any]:
-    if pair.truth is None:
-        raise ValueError("the scene has no truth")
-
     by_region = middlebury_v2(disparity, pair)
     regions = {region: getattr(by_region, region) for region in ("nonocc", "all", "disc")}
 
     numbers: dict[str, Any] = dict.fromkeys(field.name for field in fields(Score))
     if "nonocc" in pair.masks:
         mask, count = pair.masks["nonocc"], pair.num_disparities
-        numbers = asdict(score(disparity, pair.truth, mask=mask, num_disparities=count))
+        numbers = asdict(score(disparity, pair.known_truth, mask=mask, num_disparities=count))
 
     d1, epe = numbers.pop("d1"), numbers.pop("epe")
     return {"v2": regions, "v3": numbers, "d1": d1, "epe": epe}
@@ -259,19 +268,6 @@ def _map(returned: object, size: tuple[int, ...]) -> Floats:
     if returned.shape != size:
         raise ValueError(f"the method returned shape {returned.shape}, not {size}")
     return returned
-
-
-def _key(case: Case, entrant: Method) -> dict[str, str | int | float | bool | None]:
-    return {
-        "kind": "middlebury",
-        "suite": case.suite,
-        "collection": case.scene.collection,
-        "scene": case.scene.name,
-        "degradation": case.degradation,
-        "side": case.side,
-        "method": entrant.name,
-        "true_blur": entrant.true_blur,
-    }
 
 
 def _entrants(specs: Specs) -> list[tuple[Method, str | Method]]:

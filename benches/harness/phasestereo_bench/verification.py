@@ -122,26 +122,19 @@ def opinion_table(rows: Iterable[tuple[str, str, Opinion]]) -> Table:
 
 
 def _judged(pair: Pair, methods: Sequence[Method]) -> list[Opinion]:
-    if pair.truth is None or "nonocc" not in pair.masks:
-        raise ValueError(f"{pair.name}: its truth or its mask of visible pixels is missing")
+    truth, visible = pair.scored
+    seen = visible & np.isfinite(truth) & (np.arange(truth.shape[1]) >= np.nan_to_num(truth))
+    hidden = pair.masks.get("all", seen) & np.isfinite(truth) & ~visible
 
-    seen = pair.masks["nonocc"] & np.isfinite(pair.truth)
-    columns = np.arange(pair.truth.shape[1])
-    seen &= columns >= np.nan_to_num(pair.truth)
-    hidden = pair.masks.get("all", seen) & np.isfinite(pair.truth) & ~pair.masks["nonocc"]
-
-    found = []
-    for method in methods:
-        claims = matched_pair(method, pair).disparity.astype(np.float32)
-        found.append(_opinion(pair, claims, seen, hidden))
-    return found
+    maps = (matched_pair(method, pair).disparity.astype(np.float32) for method in methods)
+    return [_opinion(pair, claims, seen, hidden) for claims in maps]
 
 
 def _opinion(pair: Pair, claims: Map, seen: Mask, hidden: Mask) -> Opinion:
     with unwarned():
         said = ps.verify(pair.left, pair.right, claims, threads=1)
 
-    truth = np.asarray(pair.truth)
+    truth = pair.known_truth
     claimed = np.isfinite(claims)
     right = claimed & (np.abs(claims - truth) <= _WRONG)
     wrong = claimed & ~right

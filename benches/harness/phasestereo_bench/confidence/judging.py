@@ -147,14 +147,14 @@ def odds_of(claims: Claims, weights: Weights) -> Numbers:
     return odds
 
 
-def left_out(several: Sequence[Claims]) -> list[tuple[str, list[Numbers]]]:
+def left_out(several: Sequence[Claims]) -> list[list[Numbers]]:
     """Return odds of claims by weights that were learned without their scene, or their matcher."""
     scenes = sorted({each.scene for each in several})
     order = np.random.default_rng(3).permutation(len(scenes))
     fold = {scenes[index]: str(number % _FOLDS) for number, index in enumerate(order)}
     return [
-        ("scene", _odds_without(several, lambda each: fold[each.scene])),
-        ("matcher", _odds_without(several, lambda each: each.method.removeprefix("prepared:"))),
+        _odds_without(several, lambda each: fold[each.scene]),
+        _odds_without(several, lambda each: each.method.removeprefix("prepared:")),
     ]
 
 
@@ -167,8 +167,7 @@ def judging_table(several: Sequence[Claims], faults: Sequence[str]) -> Table:
     header = "maps of", "condition", "wrong", "area", "off", "matcher left out: area", "off"
     lines: list[tuple[str, ...]] = []
     scored = [
-        [_scores(*pair) for pair in zip(several, odds, strict=True)]
-        for _, odds in left_out(several)
+        [_scores(*pair) for pair in zip(several, odds, strict=True)] for odds in left_out(several)
     ]
     for method in sorted({each.method for each in several} - {TRUTH}):
         for name in (*faults, "others"):
@@ -260,13 +259,9 @@ def _odds_without(several: Sequence[Claims], part_of: Callable[[Claims], str]) -
 
 def _scores(claims: Claims, odds: Numbers) -> tuple[float, float]:
     right = claims.errors <= 1
-    off = abs(float(_probability(odds).mean() - right.mean()))
+    off = abs(float(sigmoid(odds).mean() - right.mean()))
     area = roc_area(odds[None], claims.errors[None], np.zeros((1, len(odds))))
     return area, off
-
-
-def _probability(odds: Numbers) -> Numbers:
-    return sigmoid(odds.clip(-30, 30))
 
 
 def _places(traits: Numbers) -> Numbers:
@@ -325,7 +320,7 @@ def _fitted(
     heights = np.zeros(design.shape[1])
     best = loss(heights)
     for _ in range(30):
-        share = _probability(odds_with(heights))
+        share = sigmoid(odds_with(heights))
         slope = design.T @ (weight * (right - share)).astype(np.float32) - steady @ heights
         bend = np.sqrt(weight * share * (1 - share)).astype(np.float32)
         scaled = design * bend[:, None]

@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 
 from phasestereo._core import match_raw
 from phasestereo._images import as_pair
@@ -116,7 +115,7 @@ def observe(source: Scene | int, spoiled: Sequence[str], seed: int, preset: str)
     search: dict[str, int] = {}
     for name in spoiled:
         if name == SHORT:
-            largest = float(np.nanmax(_truth(pair)))
+            largest = float(np.nanmax(pair.known_truth))
             search = {"num_disparities": max(8, int(largest * rng.uniform(0.3, 0.8)))}
         else:
             pair = _spoiled(pair, known[name], side)
@@ -137,7 +136,7 @@ def observed(pair: Pair, *, preset: str = "robust", **search: Any) -> dict[str, 
     found, _ = match_raw(images, (None, None), statistics, 0, (0, size[0]), 1)
     assert found.confidence is not None  # noqa: S101 - they were asked for
 
-    truth = _truth(pair)
+    truth = pair.known_truth
     counted = np.isfinite(truth) & np.isfinite(found.disparity)
     error = np.abs(found.disparity - truth)[counted]
     raw = found.confidence[counted].astype(np.float64).clip(1e-4, 1 - 1e-4)
@@ -171,9 +170,3 @@ def _spoiled(pair: Pair, fault: Any, side: str) -> Pair:
     if side == "left":
         return replace(pair, left=fault(pair.left))
     return replace(pair, right=fault(pair.right))
-
-
-def _truth(pair: Pair) -> NDArray[np.float32]:
-    if pair.truth is None:
-        raise ValueError(f"{pair.name}: no truth is known")
-    return pair.truth

@@ -19,7 +19,7 @@ _FIRST, _LEAST, _LATER = 8, 0.1, 0.02
 
 def sigmoid(z: Numbers) -> Numbers:
     """Compute the probability with these logarithms of the odds."""
-    return np.asarray(1 / (1 + np.exp(-z)))
+    return np.asarray(1 / (1 + np.exp(-z.clip(-30, 30))))
 
 
 def between_knots(z: Numbers) -> Numbers:

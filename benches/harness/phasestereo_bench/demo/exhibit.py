@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from dataclasses import fields
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
@@ -53,7 +53,7 @@ def write_demo(demo: Demo, folder: str | os.PathLike[str]) -> list[Path]:
     target = Path(folder)
     target.mkdir(parents=True, exist_ok=True)
 
-    truth = cast("Map", demo.pair.truth)
+    truth = demo.pair.known_truth
     maps = {"truth": truth}
     maps |= {f"disparity_{o.method.key}": o.degraded.disparity for o in demo.outcomes}
 
@@ -70,7 +70,7 @@ def write_demo(demo: Demo, folder: str | os.PathLike[str]) -> list[Path]:
 
 def _pictures(demo: Demo) -> dict[str, Picture]:
     """Return all pictures by file name."""
-    pair, truth = demo.pair, cast("Map", demo.pair.truth)
+    pair, truth = demo.pair, demo.pair.known_truth
     nonocc = pair.masks["nonocc"]
 
     pictures = {
@@ -92,7 +92,7 @@ def _pictures(demo: Demo) -> dict[str, Picture]:
 
 def _overview(demo: Demo) -> Any:
     """Return one figure that shows the whole story."""
-    pair, truth = demo.pair, cast("Map", demo.pair.truth)
+    pair, truth = demo.pair, demo.pair.known_truth
     shown = [outcome for outcome in demo.outcomes if outcome.method in (ROBUST, SGBM, NSAD)]
     found = [outcome.degraded.disparity for outcome in shown]
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import cast
 
 from phasestereo.matchers.opencv import match_sgbm
 from phasestereo.matching import match
@@ -170,7 +169,7 @@ def _attempt(method: DemoMethod, left: Image, pair: Pair) -> ScoredMap:
     disparity = method.match(left, pair.right, pair.num_disparities)
     seconds = time.perf_counter() - start
 
-    bad = bad_pixels(disparity, cast("Map", pair.truth), 1.0, pair.masks["nonocc"])
+    bad = bad_pixels(disparity, pair.known_truth, 1.0, pair.masks["nonocc"])
     return ScoredMap(disparity, bad, seconds)
 
 

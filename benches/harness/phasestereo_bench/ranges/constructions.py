@@ -19,6 +19,7 @@ from phasestereo_bench.arrays import Image
 from phasestereo_bench.datasets import Pair
 from phasestereo_bench.degradation import Degradation, disk_psf
 from phasestereo_bench.rigs.sensor import jpeg, noise
+from phasestereo_bench.surfaces import gray_of
 
 Views = tuple[Image, Image]
 Fault = Callable[[Views], Views]
@@ -203,9 +204,7 @@ def _known(pair: Pair) -> tuple[float, float] | None:
 
 
 def _gray(image: NDArray[Any]) -> Image:
-    if image.ndim == 3:
-        image = np.rint(image[..., :3] @ np.array([0.299, 0.587, 0.114]))
-    return image.astype(np.uint8)
+    return np.rint(gray_of(image)).astype(np.uint8)
 
 
 def _background(

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from phasestereo_bench.arrays import Mask, Plane
 from phasestereo_bench.rendering.camera import RIGHT, Camera, Rays
@@ -94,8 +95,6 @@ def visible_in_both(shapes: Sequence[Shape], camera: Camera, truth: Plane) -> Ma
 
 def near_jumps(truth: Plane, reach: int = DISC_REACH) -> Mask:
     """Return the pixels within `reach` px of a jump between neighbors of more than `JUMP`."""
-    from scipy import ndimage  # noqa: PLC0415  # slow to import, and most of the harness does without
-
     jumps = np.zeros(truth.shape, dtype=bool)
     across, down = (abs(np.diff(truth, axis=axis)) > JUMP for axis in (1, 0))
     for side, jump in (

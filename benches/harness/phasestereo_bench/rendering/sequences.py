@@ -12,6 +12,7 @@ from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from phasestereo_bench.arrays import Mask
 from phasestereo_bench.rendering.camera import LEFT, RIGHT, Camera
@@ -136,8 +137,6 @@ def _ball(scene: Scenery, camera: Camera, time: float) -> Surface:
 
 def _outline(scene: Scenery, camera: Camera, *, moves: bool) -> Mask:
     """Return the pixels near the outline of the last thing in the scene, if that thing moves."""
-    from scipy import ndimage  # noqa: PLC0415  # slow to import, and most of the harness does without
-
     outline = np.zeros((camera.height, camera.width), dtype=bool)
     if not moves:
         return outline

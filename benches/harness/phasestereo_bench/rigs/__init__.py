@@ -4,7 +4,7 @@
 `corruptions` change images; `suite` lists the faults and their strengths.
 """
 
-from phasestereo_bench.rigs.fault import ALTERNATING, Fault, side_of
+from phasestereo_bench.rigs.fault import ALTERNATING, SCENES, Fault, side_of
 from phasestereo_bench.rigs.suite import FAULTS, QUICK_SCENES, RIGS
 
-__all__ = ["ALTERNATING", "FAULTS", "QUICK_SCENES", "RIGS", "Fault", "side_of"]
+__all__ = ["ALTERNATING", "FAULTS", "QUICK_SCENES", "RIGS", "SCENES", "Fault", "side_of"]

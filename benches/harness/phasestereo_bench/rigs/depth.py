@@ -46,12 +46,10 @@ class DepthOfField:
         ValueError
             If the pair has no truth.
         """
-        if pair.truth is None:
-            raise ValueError("depth of field: the pair has no truth")
-
-        far, near = np.percentile(filled(pair.truth), (_FAR, _NEAR))
+        truth = pair.known_truth
+        far, near = np.percentile(filled(truth), (_FAR, _NEAR))
         images = {"left": pair.left, "right": pair.right}
-        maps = {"left": filled(pair.truth), "right": filled(seen_from_right(pair.truth))}
+        maps = {"left": filled(truth), "right": filled(seen_from_right(truth))}
         other = {"left": "right", "right": "left"}[side]
         focused = {side: far, other: near} if self.opposite else {side: far}
 
@@ -71,10 +69,9 @@ class Raised:
 
     def __call__(self, pair: Pair, side: str) -> Pair:
         """Return the pair of this rig; for a raised left camera, all goes the other way."""
-        if pair.truth is None:
-            raise ValueError("raised camera: the pair has no truth")
         y, x = np.mgrid[: pair.right.shape[0], : pair.right.shape[1]].astype(np.float64)
-        down = self.share * filled(seen_from_right(pair.truth)) * (1 if side == "right" else -1)
+        share = self.share if side == "right" else -self.share
+        down = share * filled(seen_from_right(pair.known_truth))
         return replace(pair, right=quantize(sampled(pair.right, x, y - down), np.uint8))
 
 
@@ -90,10 +87,9 @@ class Redrawn:
 
     def __call__(self, pair: Pair, _side: str) -> Pair:
         """Return the pair of cameras that are closer together and turned toward each other."""
-        if pair.truth is None:
-            raise ValueError("range: the pair has no truth")
-        low, high = float(np.nanmin(pair.truth)), float(np.nanmax(pair.truth))
-        truth = ((pair.truth - low) * (self.span / max(high - low, 1e-6))).astype(np.float32)
+        known = pair.known_truth
+        low, high = float(np.nanmin(known)), float(np.nanmax(known))
+        truth = ((known - low) * (self.span / max(high - low, 1e-6))).astype(np.float32)
         seen = filled(seen_from_right(truth))
         y, x = np.mgrid[: truth.shape[0], : truth.shape[1]]
 
@@ -120,12 +116,10 @@ class Pasted:
 
     def __call__(self, pair: Pair, _side: str) -> Pair:
         """Return the pair with things that are nearer than all else by `ahead` px of disparity."""
-        if pair.truth is None:
-            raise ValueError("near things: the pair has no truth")
         rng = np.random.default_rng(SEEDS["left"])
-        rows, cols = pair.truth.shape
-        near = int(np.nanmax(pair.truth)) + self.ahead
-        left, right, truth = pair.left.copy(), pair.right.copy(), pair.truth.copy()
+        left, right, truth = pair.left.copy(), pair.right.copy(), pair.known_truth.copy()
+        rows, cols = truth.shape
+        near = int(np.nanmax(truth)) + self.ahead
         thing, hidden = np.zeros(truth.shape, bool), np.zeros(truth.shape, bool)
 
         for _ in range(self.count):

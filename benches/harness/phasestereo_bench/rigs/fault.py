@@ -25,7 +25,7 @@ ALTERNATING = "alternating"
 SEEDS = {"left": 1, "right": 2}
 
 # The page that defines the suite has this order; the first scene is spoiled on the left.
-_ORDER = (
+SCENES = (
     "scenes2001/tsukuba",
     "scenes2001/venus",
     "scenes2003/cones",
@@ -117,7 +117,7 @@ def side_of(scene: Scene) -> str:
     Left and right take turns in the order of the suite's scenes; any other scene has left.
     """
     name = str(scene)
-    return "right" if name in _ORDER and _ORDER.index(name) % 2 else "left"
+    return "right" if name in SCENES and SCENES.index(name) % 2 else "left"
 
 
 def _spoiled(pair: Pair, side: str, spoiler: Spoiler) -> Pair:

@@ -14,7 +14,6 @@ Data flow: `cases` -> `trials`, which count by `measures` -> records, in a store
 from phasestereo_bench.surfaces.cases import (
     FACTORS,
     MEGAPIXELS,
-    PLANES,
     SEEDS,
     UPSAMPLED,
     RoomCase,
@@ -48,7 +47,6 @@ __all__ = [
     "KINDS",
     "MEGAPIXELS",
     "OURS",
-    "PLANES",
     "SEEDS",
     "UPSAMPLED",
     "Counts",

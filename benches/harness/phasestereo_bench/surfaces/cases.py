@@ -21,6 +21,7 @@ from phasestereo import match
 from phasestereo.io import read_image
 from phasestereo.rig.findings import unwarned
 from phasestereo_bench.arrays import Floats, Image, Mask
+from phasestereo_bench.cases import PLANES
 from phasestereo_bench.datasets import Pair, Scene, find_scenes
 from phasestereo_bench.degradation import Degradation
 from phasestereo_bench.rendering import ROOMS, RoomKind, render_room
@@ -35,16 +36,6 @@ UPSAMPLED = frozenset(
     for scene in scenes
 )
 """Scenes to upsample: three with rich texture, one with a large plain shade."""
-
-PLANES = frozenset(
-    f"{collection}/{scene}"
-    for collection, scenes in (
-        ("MiddEval3/trainingQ", ("PianoL", "Playtable")),
-        ("scenes2006/ThirdSize", ("Lampshade2", "Midd2", "Monopoly", "Plastic")),
-    )
-    for scene in scenes
-)
-"""Scenes with large planes."""
 
 FACTORS = 1, 2, 3
 """Factors by which the sampling of an upsampled scene is finer."""
@@ -145,9 +136,7 @@ class SceneCase:
     def load(self) -> Task:
         """Read the scene, and upsample it; count its maps at either scale."""
         pair = self.scene.load()
-        if pair.truth is None or "nonocc" not in pair.masks:
-            raise ValueError(f"{pair.name}: its truth or its mask of visible pixels is missing")
-
+        known, visible = pair.scored
         factor = self.factor
         view = _view(self.row, pair, every=factor)
         if factor == 1:
@@ -157,8 +146,8 @@ class SceneCase:
             _upsampled(image, factor, seed) for seed, image in enumerate((pair.left, pair.right))
         )
         square = np.ones((factor, factor))
-        truth = np.kron(pair.truth, square) * factor
-        seen = np.kron(pair.masks["nonocc"], square) > 0
+        truth = np.kron(known, square) * factor
+        seen = np.kron(visible, square) > 0
         own = View(self.row + OWN, truth, kinds_of_pixels(truth, seen, gray_of(left)))
         return Task(left, right, pair.num_disparities * factor, (view, own))
 
@@ -289,11 +278,9 @@ def _found(folders: Iterable[Path]) -> tuple[list[Scene], list[Path]]:
 
 def _view(row: str, pair: Pair, *, every: int = 1) -> View:
     """Return the view of a pair at its own scale."""
-    truth = pair.truth
-    if truth is None:
-        raise ValueError(f"{pair.name}: its truth is missing")
-    seen, curved = pair.masks["nonocc"], pair.masks.get("curved")
-    return View(row, truth, kinds_of_pixels(truth, seen, gray_of(pair.left), curved), every)
+    truth, seen = pair.scored
+    kinds = kinds_of_pixels(truth, seen, gray_of(pair.left), pair.masks.get("curved"))
+    return View(row, truth, kinds, every)
 
 
 def _upsampled(image: Image, factor: int, seed: int) -> Image:

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from phasestereo_bench.arrays import Floats, Mask
 from phasestereo_bench.rendering.casting import near_jumps
@@ -61,8 +62,6 @@ def kinds_of_pixels(
     dict
         A mask (H, W) for each of `KINDS`; without `curved`, nothing is curved.
     """
-    from scipy import ndimage  # noqa: PLC0415  # slow to import, and most of the harness does without
-
     known = np.isfinite(truth)
     scored = scored & known
     # Unknown pixels continue their neighbors.
@@ -142,8 +141,6 @@ def _narrow(truth: Floats, most: int) -> Mask:
 
 def _slopes(truth: Floats) -> Floats:
     """Return the steepness of the surface, from differences that are not steps."""
-    from scipy import ndimage  # noqa: PLC0415
-
     square = np.zeros(truth.shape)
     for axis in (0, 1):
         rise = np.diff(truth, axis=axis, append=np.take(truth, [-1], axis))
@@ -157,8 +154,6 @@ def _slopes(truth: Floats) -> Floats:
 
 def _plain(gray: Floats) -> Mask:
     """Return the mask of pixels where 5 x 5 pixels deviate by little more than noise."""
-    from scipy import ndimage  # noqa: PLC0415
-
     mean, square = (ndimage.uniform_filter(each, 5) for each in (gray, gray * gray))
     deviation = np.sqrt(np.maximum(square - mean * mean, 0))
 

@@ -61,7 +61,11 @@ def surface_jobs(chosen: Sequence[SurfaceCase], methods: Sequence[str] | None = 
     cases.load.cache_clear()
     names = {spec: str(method(spec)) for spec in specs}
     return [
-        Job(_key(case, names[spec]), try_out, {"case": case, "spec": spec})
+        Job(
+            {"kind": KIND, "row": case.row, "scene": case.name, "method": names[spec]},
+            try_out,
+            {"case": case, "spec": spec},
+        )
         for case in chosen
         for spec in specs
     ]
@@ -95,7 +99,3 @@ def _counted(view: View, disparity: NDArray[np.float64]) -> dict[str, Any]:
         "stripes": stripes(seen),
         "truth_stripes": stripes(view.truth),
     }
-
-
-def _key(case: SurfaceCase, name: str) -> dict[str, str | int | float | bool | None]:
-    return {"kind": KIND, "row": case.row, "scene": case.name, "method": name}
