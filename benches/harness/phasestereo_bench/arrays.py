@@ -1,7 +1,5 @@
 """The types of the arrays that functions here take and return."""
 
-from __future__ import annotations
-
 from typing import Any, TypeAlias
 
 import numpy as np

@@ -11,8 +11,6 @@
 Data flow: `blur_jobs` -> records, in a store -> `verdict` of each -> `blur_table`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product

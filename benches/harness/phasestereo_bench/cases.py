@@ -1,7 +1,5 @@
 """Defines a case: a scene, and the changes to its images before a match."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache

@@ -1,7 +1,5 @@
 """Sweeps constants of the core: builds the core with other values of one, and scores it."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

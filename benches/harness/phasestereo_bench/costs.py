@@ -1,7 +1,5 @@
 """Measures seconds and memory of a match, with the method alone on the machine on one thread."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from statistics import median
 from typing import Any

@@ -9,8 +9,6 @@ https://www.cvlibs.net/datasets/kitti; folders and files must keep their names f
 there.
 """
 
-from __future__ import annotations
-
 import math
 import os
 from collections.abc import Iterator, Mapping
@@ -140,7 +138,7 @@ class Layout:
     offset: str | None = None
     max_width: int | None = None
 
-    def of(self, name: str) -> Layout:
+    def of(self, name: str) -> "Layout":
         """Return the layout with the name of a scene in its files."""
         return replace(
             self,

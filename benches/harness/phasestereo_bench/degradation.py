@@ -6,8 +6,6 @@ image's integer type, and only then adds noise and rounds again. Coordinates are
 y down, in pixels.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial

@@ -1,7 +1,5 @@
 """Describes the processor, the versions and the commit behind a figure."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

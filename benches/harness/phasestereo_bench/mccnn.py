@@ -5,8 +5,6 @@ their truth, and the scenes of this benchmark are among them, so its figures are
 set.
 """
 
-from __future__ import annotations
-
 from importlib import import_module
 from typing import Any
 

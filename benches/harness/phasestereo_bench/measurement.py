@@ -1,7 +1,5 @@
 """Measures the seconds of a call, and the rise of the resident memory."""
 
-from __future__ import annotations
-
 import ctypes
 import gc
 import time

@@ -6,8 +6,6 @@ num_disparities - 1 or between these, NaN where there is no estimate. It may als
 these and of confidences, the same shape, the higher the more trusted.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace

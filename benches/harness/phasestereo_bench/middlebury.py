@@ -1,7 +1,5 @@
 """Scores methods x scenes x degradations on Middlebury; each gets a record of its metrics."""
 
-from __future__ import annotations
-
 import math
 import os
 from collections.abc import Callable, Iterable

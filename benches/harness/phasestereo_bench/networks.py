@@ -3,8 +3,6 @@
 This package contains no weights: users give their path. `phasestereo.matchers.onnx` runs them.
 """
 
-from __future__ import annotations
-
 import hashlib
 from functools import lru_cache
 from pathlib import Path

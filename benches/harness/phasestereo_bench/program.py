@@ -1,7 +1,5 @@
 """Runs programs as methods: two PNG files and the number of disparities in, a PFM file out."""
 
-from __future__ import annotations
-
 import shlex
 import subprocess
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Runs jobs on all cores, keeps one record of each, and resumes where an earlier run stopped."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from contextlib import closing

@@ -1,7 +1,5 @@
 """Reads and appends files of results: an environment, then records, one JSON object a line."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing, contextmanager

@@ -3,8 +3,6 @@
 A row of `SITES` holds the demands of a site; the files of one site and size become one zip.
 """
 
-from __future__ import annotations
-
 import re
 import zipfile
 from collections import Counter

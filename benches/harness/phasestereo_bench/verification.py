@@ -3,8 +3,6 @@
 Only pixels with a known truth count. A disparity is wrong if it is off by more than 1 px.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 

@@ -1,7 +1,5 @@
 """Does jobs in this process, or in others that hold every library to a single thread."""
 
-from __future__ import annotations
-
 import json
 import os
 import traceback

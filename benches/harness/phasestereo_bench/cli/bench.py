@@ -1,7 +1,5 @@
 """``phasestereo bench`` runs benchmarks; each kind of command has a module."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from cyclopts import App, Parameter

@@ -1,7 +1,5 @@
 """``phasestereo bench tables`` makes every table of the documentation from one folder of data."""
 
-# No `from __future__ import annotations`: these annotations make the command line.
-
 from pathlib import Path
 from typing import Annotated, Any
 

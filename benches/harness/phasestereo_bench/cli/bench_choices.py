@@ -1,7 +1,5 @@
 """``phasestereo bench choices`` sweeps constants of the core and prints a table."""
 
-# No `from __future__ import annotations`: these annotations make the command line.
-
 from pathlib import Path
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """These commands keep no records and print a table at once: ranges, second opinions, videos."""
 
-# No `from __future__ import annotations`: these annotations make the command line.
-
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path

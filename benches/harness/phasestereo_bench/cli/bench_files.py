@@ -1,7 +1,5 @@
 """These commands write files: for sites, for a page of comparisons, for the paper's page."""
 
-# No `from __future__ import annotations`: these annotations make the command line.
-
 from pathlib import Path
 from typing import Annotated
 

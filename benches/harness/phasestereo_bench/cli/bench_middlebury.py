@@ -1,7 +1,5 @@
 """``phasestereo bench middlebury`` records cells; ``report`` prints tables and draws a plot."""
 
-# No `from __future__ import annotations`: these annotations make the command line.
-
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Holds the shared parts of benchmark commands: earlier records, progress, Ctrl-C, and tables."""
 
-# No `from __future__ import annotations`: these annotations make the command line.
-
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import count

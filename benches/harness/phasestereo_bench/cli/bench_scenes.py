@@ -1,7 +1,5 @@
 """Selects the scenes that ``phasestereo bench middlebury`` scores."""
 
-# No `from __future__ import annotations`: these annotations make the command line.
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase

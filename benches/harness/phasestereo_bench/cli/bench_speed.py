@@ -1,7 +1,5 @@
 """``phasestereo bench speed`` times our matchers and OpenCV's in turn; makes records, tables."""
 
-# No `from __future__ import annotations`: these annotations make the command line.
-
 from pathlib import Path
 from typing import Annotated
 

@@ -3,8 +3,6 @@
 They score scenes with known blur, pairs degraded in many ways, frames of rigs, and surfaces.
 """
 
-# No `from __future__ import annotations`: these annotations make the command line.
-
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal

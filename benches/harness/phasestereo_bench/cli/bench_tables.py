@@ -1,7 +1,5 @@
 """Prints the tables of ``phasestereo bench`` from its records."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Mapping
 from typing import Literal

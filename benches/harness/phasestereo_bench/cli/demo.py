@@ -1,7 +1,5 @@
 """``phasestereo demo`` matches and draws a rendered pair with one degraded image."""
 
-# No `from __future__ import annotations`: these annotations make the command line.
-
 import webbrowser
 from pathlib import Path
 from typing import Annotated

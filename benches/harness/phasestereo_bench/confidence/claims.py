@@ -5,8 +5,6 @@ map. For each map this keeps the traits of some pixels that both images see, as 
 them, and the errors of the claim and our own disparity.
 """
 
-from __future__ import annotations
-
 import base64
 import zlib
 from collections.abc import Sequence

@@ -7,8 +7,6 @@ better than any that is learned from. The bars are lines through points that hol
 errors, a quantile regression. Every map has the same weight, whatever its size, true ones less.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path

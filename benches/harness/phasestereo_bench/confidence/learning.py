@@ -5,8 +5,6 @@ holds 90 % of the errors, a quantile regression, by least squares that are weigh
 absolute values are those that count. Every pair has the same weight, whatever its size.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path

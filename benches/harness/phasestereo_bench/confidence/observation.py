@@ -6,8 +6,6 @@ looks at, and a table of counts: all pixels with a truth, whether one camera or 
 their kind (own, own beside an outline, filled), their raw confidence and their error.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any

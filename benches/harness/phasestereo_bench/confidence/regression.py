@@ -1,7 +1,5 @@
 """Shared by both calibrations: logistic odds, lines through points, and the quantile of bars."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """Test the calibration on faults and scenes outside its training data."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 

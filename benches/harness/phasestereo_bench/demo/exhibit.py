@@ -1,7 +1,5 @@
 """Writes the results of a demonstration: maps, pictures, and a page that explains them."""
 
-from __future__ import annotations
-
 import os
 from dataclasses import fields
 from pathlib import Path

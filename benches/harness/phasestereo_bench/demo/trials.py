@@ -1,7 +1,5 @@
 """Degrades the left image of a rendered pair, and scores every method with and without that."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace

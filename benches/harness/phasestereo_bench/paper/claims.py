@@ -1,7 +1,5 @@
 """Judges the paper's claims by our measurements, and makes the tables behind the verdicts."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from enum import Enum
 from typing import NamedTuple

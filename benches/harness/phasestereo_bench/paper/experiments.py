@@ -9,8 +9,6 @@ Two protocols set up the methods, and neither looks at a blurred pair:
   smallest of these windows and neighborhoods, and kept at all levels.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from math import ceil

@@ -1,7 +1,5 @@
 """Writes the results of the experiments: Figures 2 and 3, and a page of all tables."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Runs the experiments: chooses settings on the sharp pairs, then measures everything."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 from collections.abc import Callable, Iterable, Mapping

@@ -4,8 +4,6 @@ A background is an image (or several, side by side) with a right view of it unde
 disparities, or a scene as it is. Objects are cut from another image and pasted into both views.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial

@@ -1,7 +1,5 @@
 """Checks ranges found in constructions; compares matches without a range to matches with one."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -44,7 +42,7 @@ class Trial:
     longer: float
 
     @classmethod
-    def of(cls, made: Construction, found: SearchRange) -> Trial:
+    def of(cls, made: Construction, found: SearchRange) -> "Trial":
         """Judge the range of a construction."""
         first, last = found.min_disparity, found.min_disparity + found.num_disparities - 1
 

@@ -5,8 +5,6 @@ of the right image. Every matcher takes such a pair, so each one can run twice. 
 camera sees cannot agree, so even a perfect map has less than 100 %.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

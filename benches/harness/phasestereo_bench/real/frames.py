@@ -1,7 +1,5 @@
 """Finds and reads recordings: folders with raw frames of two cameras and their calibration."""
 
-from __future__ import annotations
-
 import os
 from contextlib import suppress
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Lists the jobs of recordings and of real pairs."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

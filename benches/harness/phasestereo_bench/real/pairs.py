@@ -1,7 +1,5 @@
 """Loads real pairs with a truth: another exposure, and lenses focused at different distances."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -4,8 +4,6 @@ For each distance, the calibration gives the raw right pixel that shows the same
 pixel. These places, all over the image and at five distances, are the truth.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any, NamedTuple
 

@@ -6,8 +6,6 @@ neither image is warped from the other. The parts, in the order of the data: `ca
 surfaces that rays meet into photographs.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from math import ceil

@@ -1,7 +1,5 @@
 """Defines the two cameras of a rendered pair, and the rays they cast."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -27,7 +25,7 @@ class Rays(NamedTuple):
     y: Array
     z: Array
 
-    def window(self, rows: slice, cols: slice) -> Rays:
+    def window(self, rows: slice, cols: slice) -> "Rays":
         """Cut a window out of the rays of an image."""
         x = self.x[..., rows if self.x.shape[-2] > 1 else slice(None), cols]
         return Rays(self.origin, x, self.y[..., rows, :], self.z[..., rows, :])
@@ -66,7 +64,7 @@ class Camera:
         """Disparity times depth, that is, focal length times baseline."""
         return self.near_disparity * self.near
 
-    def shrunk(self, longest: int) -> Camera:
+    def shrunk(self, longest: int) -> "Camera":
         """Return the same cameras with images whose longer side has this many pixels."""
         shrink = longest / max(self.height, self.width)
         height, width = (max(1, round(n * shrink)) for n in (self.height, self.width))

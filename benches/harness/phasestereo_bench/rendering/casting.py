@@ -1,7 +1,5 @@
 """Finds the first hit of each ray: depths, disparities of either view, pixels seen by both."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

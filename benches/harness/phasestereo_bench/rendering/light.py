@@ -1,7 +1,5 @@
 """Turns surfaces into photographs: sun, sky and shadows, exposure, tones and sensor noise."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

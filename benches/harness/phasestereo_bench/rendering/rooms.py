@@ -5,8 +5,6 @@ same scene. World units are roughly meters. The floor, or the table top that fil
 0, and the cameras look along z.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass

@@ -3,8 +3,6 @@
 The cameras stand 0.75 above the floor and see it from z = 1.2 on; the walls are at z = 4 to 6.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass

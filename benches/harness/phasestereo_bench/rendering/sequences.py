@@ -4,8 +4,6 @@ Every frame has fresh noise. Only one other thing may change: the place of the r
 one object before a ground that stands still. In a static scene nothing else changes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias, get_args

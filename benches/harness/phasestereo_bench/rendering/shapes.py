@@ -3,8 +3,6 @@
 Vectors are plain floats: NumPy's own float64 scalars would turn float32 rays into float64.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol

@@ -4,8 +4,6 @@ Every maker returns the albedo (n, n, 3) of one tile in linear light; `Texture.o
 in the world, and coarser levels for distant surfaces.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -32,7 +30,7 @@ class Texture:
     relief: float = 0.07  # strength of the detail finer than its texels
 
     @classmethod
-    def of(cls, tile: Tile, size: float = 1.0, *, relief: float = 0.07) -> Texture:
+    def of(cls, tile: Tile, size: float = 1.0, *, relief: float = 0.07) -> "Texture":
         """Lay a tile (n, n, channels) over `size` world units, repeated endlessly."""
         levels = [np.ascontiguousarray(tile, dtype=np.float32)]
         while levels[-1].shape[0] > COARSEST:

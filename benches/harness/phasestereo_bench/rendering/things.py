@@ -3,8 +3,6 @@
 World units are about a table's height. Each builder yields the surfaces of one thing at its spot.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Reads cells, the scores of a method on a scene, from records of a Middlebury benchmark."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass

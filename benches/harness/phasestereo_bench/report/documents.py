@@ -1,7 +1,5 @@
 """Fills documents with tables of results, between the markers that ask for them."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Mapping
 from functools import partial

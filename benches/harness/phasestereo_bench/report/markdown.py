@@ -4,8 +4,6 @@ A document marks such a place by two comments, ``<!-- bench:NAME -->`` and ``<!-
 The harness replaces the text between them, so nobody ever types a figure.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from html import escape

@@ -1,7 +1,5 @@
 """Explains in words where numbers come from."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import starmap
 from typing import Any

@@ -4,8 +4,6 @@ Every method keeps its color and its mark in all plots: phase codes are blue, an
 the blur are hollow. Figures are matplotlib objects that pyplot does not manage.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Sequence
 from itertools import cycle
 from pathlib import Path

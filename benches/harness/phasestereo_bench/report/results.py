@@ -3,8 +3,6 @@
 This module chooses the cells and their order; `tables` and `plots` average and show them.
 """
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Iterable, Mapping, Sequence

@@ -9,8 +9,6 @@ The official figure counts errors in pixels of the full size: its bad-2.0 is bad
 bad-0.5 at a quarter of that size, as the evaluation's own programs show.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from statistics import fmean

@@ -5,8 +5,6 @@ figure of each degradation is marked. Methods that know the blur show what is po
 compete with the others.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -52,7 +50,7 @@ class Table:
     @classmethod
     def of(
         cls, header: Iterable[str], rows: Iterable[Iterable[str | Entry]], labels: int = 1
-    ) -> Table:
+    ) -> "Table":
         """Return a table of texts, or of entries if some are marked."""
         entries = ([Entry(c) if isinstance(c, str) else c for c in row] for row in rows)
         return cls(tuple(header), tuple(map(tuple, entries)), labels)

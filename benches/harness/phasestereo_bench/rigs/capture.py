@@ -4,8 +4,6 @@ Functions work like those of `sensor`. All of them work on colors; a gray image 
 channels, and gray again afterward.
 """
 
-from __future__ import annotations
-
 import io
 from collections.abc import Callable
 from functools import wraps

@@ -6,8 +6,6 @@ noise; all else is the same in both. Frost, rain and snow are left out: frost ne
 rain and snow need drops and flakes in space.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 from typing import Any

@@ -1,7 +1,5 @@
 """Models defocus that grows with depth: a lens focuses at one distance, and the scene has many."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from itertools import pairwise
 

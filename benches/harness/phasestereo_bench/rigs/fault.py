@@ -4,8 +4,6 @@ A step takes a pair and its worse side, and returns the pair as that rig would d
 image has its own seed, so the two never have the same noise.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TypeAlias

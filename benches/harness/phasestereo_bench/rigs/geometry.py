@@ -4,8 +4,6 @@ Steps always resample the right image, and move its truth along. Disparities bel
 the left image, so they stay exact. If the left camera is off, the right image moves the other way.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any

@@ -4,8 +4,6 @@ Functions work like those of `sensor`. Coordinates are pixels, x to the right an
 center of the first pixel is (0, 0).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -5,8 +5,6 @@ and returns a new image of the same shape and type. Functions compute in double 
 round to the nearest level (ties to even) and clip.
 """
 
-from __future__ import annotations
-
 import io
 from typing import Any
 

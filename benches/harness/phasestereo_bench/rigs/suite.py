@@ -1,7 +1,5 @@
 """Lists the faults of the suites "rigs" and "rigs-2", and their strengths."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from functools import partial
 

@@ -4,8 +4,6 @@ OpenCV's matchers get the raw images, and their results stay as they are: nothin
 or makes a float map with unknown pixels. So they do less than ours, which flatters them.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Mapping
 from functools import partial

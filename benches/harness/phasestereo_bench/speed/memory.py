@@ -1,7 +1,5 @@
 """Measures the rise of resident memory during a match, each in a separate process."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

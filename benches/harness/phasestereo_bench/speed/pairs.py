@@ -1,7 +1,5 @@
 """Loads or renders the pairs to time: 8-bit gray images, from thumbnails to six megapixels."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence

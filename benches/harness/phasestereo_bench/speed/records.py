@@ -1,7 +1,5 @@
 """Records the results for a pair, on one thread or on all, with everything they depend on."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Makes the tables from the records of a speed benchmark."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 

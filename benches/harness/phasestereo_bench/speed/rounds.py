@@ -1,7 +1,5 @@
 """Times contenders in turn, so changes of the machine affect all alike; threads are fixed."""
 
-from __future__ import annotations
-
 import os
 import random
 import time

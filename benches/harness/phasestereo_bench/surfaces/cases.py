@@ -4,8 +4,6 @@ A case is light and names the source of its images. Its task holds the images, a
 maps are counted.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field

@@ -4,8 +4,6 @@ The truth and the left image determine the kinds of pixels, so rendered and real
 alike. All lengths are in pixels of the map, except the width of thin things.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any

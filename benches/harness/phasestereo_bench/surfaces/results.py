@@ -1,7 +1,5 @@
 """Turns the records of the trials into tables."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from statistics import fmean
 from typing import Any

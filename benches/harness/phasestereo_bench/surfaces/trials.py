@@ -1,7 +1,5 @@
 """Matches cases by methods, and records the errors."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -3,8 +3,6 @@
 It uses only the file of numbers that `export` writes, so it runs nothing.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path

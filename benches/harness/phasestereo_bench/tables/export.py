@@ -1,7 +1,5 @@
 """Exports the numbers behind the tables as one JSON file for programs."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Mapping

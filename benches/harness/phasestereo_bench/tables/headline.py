@@ -1,7 +1,5 @@
 """Makes the first table of the documentation: methods down; faults, time and memory across."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Makes tables of the value of our choices, and of rendered pairs that no choice was made on."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from statistics import fmean

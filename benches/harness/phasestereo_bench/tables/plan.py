@@ -1,7 +1,5 @@
 """Lists the runs for the tables of the documentation, in order."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Makes tables of recordings without true depths, and of real pairs with them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from statistics import fmean, pstdev
 from typing import Any

@@ -1,7 +1,5 @@
 """Makes Markdown for every marker of the documentation, from the files of records."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Measures the accuracy and steadiness of a stream's maps, and its reaction time, on videos."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
