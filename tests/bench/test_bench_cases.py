@@ -1,12 +1,15 @@
 """Cases: which image is degraded, by what, and what the other one becomes."""
 
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from phasestereo import io
+from phasestereo_bench import middlebury_jobs, run_jobs
 from phasestereo_bench.cases import Case
 from phasestereo_bench.datasets import Scene, find_scenes
 from phasestereo_bench.degradation import Degradation, disk_psf, suite
@@ -38,6 +41,13 @@ def plant(root: Path, name: str, *, truth: bool = True, gray: bool = False) -> P
             io.write_image(folder / file, level)
 
     return root
+
+
+def run_middlebury(*arguments: Any, workers: int | None = None, **options: Any) -> list[Any]:
+    """Return the records of the cells that `middlebury_jobs` makes of these arguments."""
+    with TemporaryDirectory() as folder:
+        jobs = middlebury_jobs(*arguments, **options)
+        return run_jobs(jobs, Path(folder) / "records.jsonl", workers=workers)
 
 
 @pytest.fixture

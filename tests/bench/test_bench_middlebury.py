@@ -15,14 +15,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from test_bench_cases import SHIFT, plant
+from test_bench_cases import SHIFT, plant, run_middlebury
 from test_bench_methods import own
 from test_bench_runner import start, wait_for_record
 
 import phasestereo_bench as bench
 from phasestereo import io, metrics
 from phasestereo.metrics import roc_area
-from phasestereo_bench import Method, read_store, run_middlebury
+from phasestereo_bench import Method, read_store
 from phasestereo_bench.cases import SUITE_SCENES, Case
 from phasestereo_bench.datasets import Scene, find_scenes
 from phasestereo_bench.middlebury import middlebury_jobs

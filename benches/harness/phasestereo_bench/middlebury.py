@@ -1,11 +1,8 @@
 """Scores methods x scenes x degradations on Middlebury; each gets a record of its metrics."""
 
 import math
-import os
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import asdict, fields
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,7 +15,7 @@ from phasestereo_bench.datasets import Pair, Scene
 from phasestereo_bench.measurement import measured
 from phasestereo_bench.methods import Matcher, Method, available, method
 from phasestereo_bench.rigs import RIGS
-from phasestereo_bench.runner import Job, run_jobs
+from phasestereo_bench.runner import Job
 
 Specs = Iterable[str | Matcher | Method]
 
@@ -38,18 +35,15 @@ _DEFAULTS = {
 }
 
 
-def run_middlebury(
+def middlebury_jobs(
     scenes: Iterable[Scene],
     methods: Specs | None = None,
     degradations: Iterable[str] | None = None,
     *,
     suite: str = "one-sided-blur",
     sides: Iterable[str] | None = None,
-    store: str | os.PathLike[str] | None = None,
-    workers: int | None = None,
-    progress: Callable[[int, int], object] | None = None,
-) -> list[dict[str, Any]]:
-    """Score methods on scenes with one degraded image.
+) -> list[Job]:
+    """Return the jobs that score methods on scenes with one degraded image, one per cell.
 
     Parameters
     ----------
@@ -67,17 +61,12 @@ def run_middlebury(
     sides
         Images to degrade: "left", "right" or both, one after the other; "alternating" is the left
         one of every other scene. Default: alternating for rigs, else left.
-    store
-        File of JSON lines that keeps every record as soon as its cell is done; a run continues
-        where an earlier run with the same file stopped. None: keep nothing.
-    workers, progress
-        As for `phasestereo_bench.run_jobs`.
 
     Returns
     -------
-    list of dict
-        A record per cell: "kind", "suite", "collection", "scene", "degradation", "side", "method"
-        and "true_blur" name it; "status" is "ok" or "failed". With "ok" there are "v2"
+    list of Job
+        In their records, "kind", "suite", "collection", "scene", "degradation", "side", "method"
+        and "true_blur" name the cell; "status" is "ok" or "failed". With "ok" there are "v2"
         (`MiddleburyV2`'s regions), "v3" (the other fields of `Score`), "d1", "epe" and "roc", the
         `phasestereo.metrics.roc_area` of the confidence (all four on the non-occluded pixels), None
         if a mask or a confidence is missing or nothing has an estimate; "num_disparities", "width"
@@ -92,28 +81,9 @@ def run_middlebury(
         If an argument is wrong, a scene has no truth, or no cell is left.
     ImportError
         If a package that a method needs is not installed.
-    OSError, RuntimeError, KeyboardInterrupt
-        As `phasestereo_bench.run_jobs`.
     """
-    jobs = middlebury_jobs(scenes, methods, degradations, suite=suite, sides=sides)
-
+    # Files may have changed since an earlier call in this process.
     cases.forget()
-
-    if store is not None:
-        return run_jobs(jobs, Path(store), workers=workers, progress=progress)
-    with TemporaryDirectory() as folder:
-        return run_jobs(jobs, Path(folder) / "records.jsonl", workers=workers, progress=progress)
-
-
-def middlebury_jobs(
-    scenes: Iterable[Scene],
-    methods: Specs | None = None,
-    degradations: Iterable[str] | None = None,
-    *,
-    suite: str = "one-sided-blur",
-    sides: Iterable[str] | None = None,
-) -> list[Job]:
-    """Return the jobs of `run_middlebury`, which has the same arguments, without running them."""
     require_known("suite", [suite], SUITES)
     entrants = _entrants(default_methods(suite) if methods is None else methods)
     wanted = list(dict.fromkeys(sides or (usual_side(suite),)))

@@ -34,7 +34,6 @@ def range_(
     choice: Annotated[SceneChoice, Parameter(name="*")] = ALL,
     kind: Names = (),
     held: Flag = False,
-    told: Annotated[bool, Parameter(negative=())] = True,
 ) -> None:
     """Check whether a match finds the range when none is given.
 
@@ -56,8 +55,6 @@ def range_(
     held
         Use held-out pairs, on which the search was not developed: other textures, places, sizes and
         faults.
-    told
-        Match the scenes, too.
     """
     with refusals(options={"scene", "kind"}):
         require_known("kind", kind, KINDS)
@@ -65,7 +62,7 @@ def range_(
         scenes = [scene.load() for scene in chosen]
         made = list(constructions(scenes, kind or KINDS, held=held))
         work: list[Callable[[], Trial | Comparison]] = [partial(search, one) for one in made]
-        work += [partial(compare, pair, repeats=3) for pair in scenes if told]
+        work += [partial(compare, pair, repeats=3) for pair in scenes]
         found: list[Trial | Comparison] = []
         with progress_bar("Searching") as progress:
             for call in work:
@@ -77,7 +74,7 @@ def range_(
     matched = [one for one in found if isinstance(one, Comparison)]
     outside = [f"{one.kind}: {one.name}: searched {one.search}" for one in trials if one.outside]
     show({"Outside the range that was found": found_table(trials)}, *outside)
-    show({"Without and with the range": compared_table(matched) if matched else None})
+    show({"Without and with the range": compared_table(matched)})
 
 
 def verify(
