@@ -183,7 +183,11 @@ def matched(entrant: Method, left: Image, right: Image, num_disparities: int) ->
     """
     done = measured(lambda: entrant.match(left, right, num_disparities))
     answer = done.answer if isinstance(done.answer, tuple) else (done.answer, None)
-    disparity, confidence = _checked(*answer, size=left.shape[:2])
+    if len(answer) != 2:
+        raise TypeError(f"the method returned {len(answer)} things, not disparities, confidences")
+
+    disparity = _map(answer[0], left.shape[:2])
+    confidence = None if answer[1] is None else _map(answer[1], left.shape[:2])
     return Matched(disparity, confidence, done.seconds, done.peak_bytes)
 
 
@@ -216,17 +220,8 @@ def _roc(confidence: Floats, disparity: Floats, pair: Pair) -> float | None:
     return area if math.isfinite(area) else None
 
 
-def _checked(*returned: object, size: tuple[int, ...]) -> tuple[Floats, Floats | None]:
-    """Return a method's disparity map, after checks, and a confidence or None."""
-    if len(returned) != 2:
-        raise TypeError(f"the method returned {len(returned)} things, not disparities, confidences")
-
-    disparity, confidence = returned
-    checked = _map(disparity, size)
-    return checked, None if confidence is None else _map(confidence, size)
-
-
 def _map(returned: object, size: tuple[int, ...]) -> Floats:
+    """Return a map of a method, after checks."""
     if not isinstance(returned, np.ndarray):
         raise TypeError(f"the method returned {type(returned).__name__}, not an array")
     if not np.issubdtype(returned.dtype, np.floating):

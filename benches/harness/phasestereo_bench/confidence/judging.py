@@ -23,7 +23,9 @@ from phasestereo_bench.confidence.regression import (
     KNOTS as BAR_KNOTS,
     Numbers,
     between_knots,
+    listed,
     quantile,
+    rounded,
     sigmoid,
 )
 from phasestereo_bench.report.tables import Table
@@ -195,7 +197,7 @@ def write_weights(weights: Weights, path: Path) -> None:
         If the file cannot be written.
     """
     cases = "".join(
-        _LEARNED.format(odds=_odds(weights.heights[case], 12), bars=_listed(weights.bars[case]))
+        _LEARNED.format(odds=_odds(weights.heights[case], 12), bars=listed(weights.bars[case], 3))
         for case in range(CASES)
     )
     ahead = _odds(weights.ahead, 4)
@@ -230,19 +232,11 @@ _ODDS = """Odds {{
 
 def _odds(heights: Numbers, indent: int) -> str:
     lines = _rows(heights[1:].reshape(TRAITS, KNOTS), indent + 8)
-    return _ODDS.format(offset=_number(heights[0]), lines=lines, space=" " * indent)
+    return _ODDS.format(offset=rounded(heights[0], 3), lines=lines, space=" " * indent)
 
 
 def _rows(rows: Numbers, indent: int) -> str:
-    return "".join(f"{' ' * indent}{_listed(row)},\n" for row in rows)
-
-
-def _listed(numbers: Numbers) -> str:
-    return "[" + ", ".join(map(_number, numbers)) + "]"
-
-
-def _number(number: float) -> str:
-    return repr(round(float(number), 3) + 0.0)
+    return "".join(f"{' ' * indent}{listed(row, 3)},\n" for row in rows)
 
 
 def _odds_without(several: Sequence[Claims], part_of: Callable[[Claims], str]) -> list[Numbers]:

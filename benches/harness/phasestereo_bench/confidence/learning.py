@@ -6,7 +6,8 @@ absolute values are those that count. Every pair has the same weight, whatever i
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from phasestereo_bench.confidence.regression import (
     KNOTS,
     Numbers,
     between_knots,
+    listed,
     quantile,
     sigmoid,
 )
@@ -69,7 +71,7 @@ class Weights:
     bars: Numbers
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Observed:
     """What is known of a match: its traits, and counts by kind, raw confidence and error."""
 
@@ -77,13 +79,12 @@ class Observed:
     faults: tuple[str, ...]
     traits: Numbers
     counts: NDArray[np.int64]
-    cells: Numbers = field(init=False, repr=False)
 
-    def __post_init__(self) -> None:
-        """Keep what is asked for often: pixels, and right ones, of every raw confidence."""
+    @cached_property
+    def cells(self) -> Numbers:
+        """Pixels, and right ones, of every raw confidence."""
         right = self.counts[:, :, : np.searchsorted(ERRORS, 1.0) + 1].sum(axis=2)
-        cells = np.stack([self.counts.sum(axis=2), right]).astype(np.float64)
-        object.__setattr__(self, "cells", cells)
+        return np.stack([self.counts.sum(axis=2), right]).astype(np.float64)
 
     @property
     def wrong(self) -> float:
@@ -265,15 +266,11 @@ def write_weights(weights: Sequence[Weights], path: Path) -> None:
     """
     several = [
         _WEIGHTS.format(
-            odds="".join(f"            {_listed(row)},\n" for row in one.odds),
-            knots="".join(f"            {_listed(row)},\n" for row in one.knots),
-            bars=_listed(one.bars),
+            odds="".join(f"            {listed(row, 4)},\n" for row in one.odds),
+            knots="".join(f"            {listed(row, 4)},\n" for row in one.knots),
+            bars=listed(one.bars, 4),
         )
         for one in weights
     ]
     text = _FILE.format(weights="".join(several))
     replace_text(path, text)
-
-
-def _listed(numbers: Numbers) -> str:
-    return "[" + ", ".join(repr(round(float(number), 4) + 0.0) for number in numbers) + "]"

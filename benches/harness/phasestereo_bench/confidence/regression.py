@@ -20,6 +20,16 @@ def sigmoid(z: Numbers) -> Numbers:
     return np.asarray(1 / (1 + np.exp(-z.clip(-30, 30))))
 
 
+def rounded(value: float, digits: int) -> str:
+    """Write a number as Rust does, zero without a sign."""
+    return repr(round(float(value), digits) + 0.0)
+
+
+def listed(values: Numbers, digits: int) -> str:
+    """Write numbers as an array of Rust."""
+    return f"[{', '.join(rounded(value, digits) for value in values)}]"
+
+
 def between_knots(z: Numbers) -> Numbers:
     """Compute the shares of the points in each logarithm of the odds, (N, KNOTS): two at most."""
     place = np.clip(z - FIRST_KNOT, 0, KNOTS - 1)

@@ -26,7 +26,6 @@ from phasestereo_bench.surfaces.cases import (
 )
 from phasestereo_bench.surfaces.measures import (
     KINDS,
-    Counts,
     count_bad,
     gray_of,
     kinds_of_pixels,
@@ -49,7 +48,6 @@ __all__ = [
     "OURS",
     "SEEDS",
     "UPSAMPLED",
-    "Counts",
     "RoomCase",
     "SceneCase",
     "SurfaceCase",

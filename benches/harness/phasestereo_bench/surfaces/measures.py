@@ -5,7 +5,6 @@ alike. All lengths are in pixels of the map, except the width of thin things.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -28,15 +27,6 @@ PLAIN, PLAIN_NOISE = 1.5, 2.0  # gray levels of local deviation, and the factor 
 _SLOPE_SIGMA = 3.0  # px over which slopes are averaged
 _STEP = 1.0  # px between neighbors: a difference this large is not a slope
 _ENOUGH = 1e-3
-
-
-@dataclass(frozen=True, slots=True)
-class Counts:
-    """Number of pixels that count, and of those that are off by more than 1 and 2 px or missing."""
-
-    pixels: int
-    bad_1: int
-    bad_2: int
 
 
 def kinds_of_pixels(
@@ -83,13 +73,16 @@ def kinds_of_pixels(
     }
 
 
-def count_bad(disparity: Floats, truth: Floats, kinds: Mapping[str, Mask]) -> dict[str, Counts]:
-    """Count the pixels that are off; a pixel without an estimate is off."""
+def count_bad(
+    disparity: Floats, truth: Floats, kinds: Mapping[str, Mask]
+) -> dict[str, dict[str, int]]:
+    """Count pixels by kind: "pixels", all; "bad_1" and "bad_2", off by more or without estimate."""
     error = np.abs(np.asarray(disparity, dtype=np.float64) - truth)
-    off_1, off_2 = ~(error <= 1.0), ~(error <= 2.0)
+    every = np.ones(error.shape, dtype=bool)
+    counted = {"pixels": every, "bad_1": ~(error <= 1.0), "bad_2": ~(error <= 2.0)}
     return {
-        kind: Counts(int(mask.sum()), int((off_1 & mask).sum()), int((off_2 & mask).sum()))
-        for kind, mask in kinds.items()
+        name: {kind: int((mask & which).sum()) for kind, mask in kinds.items()}
+        for name, which in counted.items()
     }
 
 

@@ -89,11 +89,8 @@ def try_out(case: SurfaceCase, spec: str | Method) -> dict[str, Any]:
 
 def _counted(view: View, disparity: NDArray[np.float64]) -> dict[str, Any]:
     seen = view.seen(disparity)
-    counts = count_bad(seen, view.truth, view.kinds)
     return {
-        "pixels": {kind: found.pixels for kind, found in counts.items()},
-        "bad_1": {kind: found.bad_1 for kind, found in counts.items()},
-        "bad_2": {kind: found.bad_2 for kind, found in counts.items()},
+        **count_bad(seen, view.truth, view.kinds),
         "stripes": stripes(seen),
         "truth_stripes": stripes(view.truth),
     }
