@@ -88,11 +88,13 @@ def middlebury_jobs(
     entrants = _entrants(default_methods(suite) if methods is None else methods)
     wanted = list(dict.fromkeys(sides or (usual_side(suite),)))
     require_known("side", wanted, SIDES)
+    names = list(SUITES[suite] if degradations is None else dict.fromkeys(degradations))
+    require_known("degradation", names, SUITES[suite])
 
     rows = [
         Case(scene, suite, degradation, side)
         for scene in _require_truth(scenes)
-        for degradation in _degradations(suite, degradations)
+        for degradation in names
         for side in wanted
     ]
 
@@ -249,12 +251,6 @@ def _entrants(specs: Specs) -> list[tuple[Method, str | Method]]:
     if not entrants:
         raise ValueError("methods: got none; accepts one or more")
     return list(entrants.values())
-
-
-def _degradations(suite: str, wanted: Iterable[str] | None) -> list[str]:
-    names = list(SUITES[suite]) if wanted is None else list(dict.fromkeys(wanted))
-    require_known("degradation", names, SUITES[suite])
-    return names
 
 
 def _require_truth(scenes: Iterable[Scene]) -> list[Scene]:

@@ -9,7 +9,7 @@ from phasestereo_bench.datasets import Pair, Scene
 from phasestereo_bench.methods import method
 from phasestereo_bench.middlebury import middlebury_jobs, wrong_shares
 from phasestereo_bench.rendering import render_pair
-from phasestereo_bench.report.tables import MISSING, Entry, Table
+from phasestereo_bench.report.tables import MISSING, Table
 from phasestereo_bench.runner import Job
 
 Record = Mapping[str, Any]
@@ -87,18 +87,15 @@ def choice_jobs(scenes: Sequence[Scene]) -> list[Job]:
 
 def choice_table(records: Sequence[Record]) -> Table:
     """Return settings x degradations: bad-1.0 in %, means over the scenes."""
-    found: dict[tuple[str, str], list[dict[str, float]]] = {}
+    found: dict[tuple[str, str], list[float]] = {}
     for record in (one for one in records if one["status"] == "ok"):
-        found.setdefault((record["method"], record["degradation"]), []).append(_bad(record))
+        cell = record["method"], record["degradation"]
+        found.setdefault(cell, []).append(record["v2"]["nonocc"])
 
     rows = [
-        (
-            Entry(one),
-            *(_means(found.get((one, name), []), "bad_1", digits=2)[0] for name in COLUMNS),
-        )
-        for one in CHOICES
+        (one, *(_mean(found.get((one, name), []), digits=2) for name in COLUMNS)) for one in CHOICES
     ]
-    return Table(("settings", *COLUMNS), tuple(rows))
+    return Table.of(("settings", *COLUMNS), rows)
 
 
 def rendered_jobs(rivals: Sequence[str]) -> list[Job]:
@@ -124,8 +121,8 @@ def rendered_table(records: Sequence[Record]) -> Table:
     rows = []
     for name in dict.fromkeys(record["method"] for record in records):
         own = [record for record in records if record["method"] == name]
-        rows.append((Entry(name), *_means(own, "bad_1", "bad_2")))
-    return Table(("method", "bad-1.0", "bad-2.0"), tuple(rows))
+        rows.append((name, *(_mean([one[bad] for one in own]) for bad in ("bad_1", "bad_2"))))
+    return Table.of(("method", "bad-1.0", "bad-2.0"), rows)
 
 
 def synthesis_table(records: Sequence[Record], names: Sequence[str]) -> Table:
@@ -136,13 +133,13 @@ def synthesis_table(records: Sequence[Record], names: Sequence[str]) -> Table:
     for side in ("left", "right"):
         for spec, words in ((WITHOUT_SYNTHESIS, ", synthesis=False"), ("robust", "")):
             mine = [r for r in records if (r["side"], r["method"]) == (side, spec)]
+            means = [
+                _mean([r["v2"]["nonocc"] for r in mine if r["degradation"] in group])
+                for group in (*([name] for name in names), blurs)
+            ]
+            rows.append((f"{side} image blurred{words}", *means))
 
-            columns = [[_bad(r) for r in mine if r["degradation"] == name] for name in names]
-            columns.append([_bad(r) for r in mine if r["degradation"] in blurs])
-            entries = [entry for column in columns for entry in _means(column, "bad_1")]
-            rows.append((Entry(f"{side} image blurred{words}"), *entries))
-
-    return Table(("", *names, "mean of the blurs"), tuple(rows))
+    return Table.of(("", *names, "mean of the blurs"), rows)
 
 
 @lru_cache(1)
@@ -150,11 +147,5 @@ def _rendered(seed: int) -> Pair:
     return render_pair(seed, **_SIZE)
 
 
-def _bad(record: Record) -> dict[str, float]:
-    return {"bad_1": record["v2"]["nonocc"], "bad_2": record["v3"]["bad_2"]}
-
-
-def _means(records: Sequence[Mapping[str, float]], *names: str, digits: int = 1) -> list[Entry]:
-    if not records:
-        return [Entry(MISSING) for _ in names]
-    return [Entry(f"{fmean(record[name] for record in records):.{digits}f}") for name in names]
+def _mean(values: Sequence[float], *, digits: int = 1) -> str:
+    return f"{fmean(values):.{digits}f}" if values else MISSING
