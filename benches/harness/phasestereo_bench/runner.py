@@ -4,10 +4,10 @@ import json
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
-from numbers import Integral
 from pathlib import Path
 from typing import Any
 
+from phasestereo._numbers import as_integer
 from phasestereo_bench.environment import describe_environment, usable_cpus
 from phasestereo_bench.store import appending
 from phasestereo_bench.worker import JobFields, next_outcome, perform, working
@@ -83,7 +83,7 @@ def run_jobs(
     KeyboardInterrupt
         On Ctrl-C, within about a second; the records of finished jobs are in the file.
     """
-    count = _worker_count(workers)
+    count = usable_cpus() if workers is None else as_integer("workers", workers, least=0)
     with appending(store) as (lines, append):
         here = describe_environment()
         if all(line.get("id") != here["id"] for line in lines):
@@ -134,16 +134,6 @@ def _cell(job: Job) -> CellKey:
 
 def _values(fields: Mapping[str, Any], names: tuple[str, ...]) -> str:
     return json.dumps([fields[name] for name in names], allow_nan=False)
-
-
-def _worker_count(workers: int | None) -> int:
-    if workers is None:
-        return usable_cpus()
-    if not isinstance(workers, Integral) or isinstance(workers, bool):
-        raise TypeError(f"workers: got {type(workers).__name__}; accepts an integer or None")
-    if workers < 0:
-        raise ValueError(f"workers: got {workers}; accepts 0 (this process alone) and more")
-    return int(workers)
 
 
 def _outcomes(jobs: Sequence[Job], workers: int) -> Outcomes:

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from phasestereo import _core
 from phasestereo._images import Mask, Pixels, as_pair, as_seen, join_masks
-from phasestereo._numbers import as_integer
+from phasestereo._numbers import as_integer, check_callable, check_type
 from phasestereo.known import Known, as_known
 from phasestereo.result import Result
 from phasestereo.rig.alignment import Alignment
@@ -182,8 +182,7 @@ def halo(
     TypeError
         If an argument has the wrong type.
     """
-    if not isinstance(settings, Settings):
-        raise TypeError(f"settings: got {type(settings).__name__}; accepts Settings")
+    check_type("settings", settings, Settings, "Settings")
 
     around, _ = _core.halo(settings, blur_compensation, alignment)
     return around
@@ -223,10 +222,8 @@ def match_rows(
     TypeError, ValueError, MemoryError, KeyboardInterrupt
         As in `phasestereo.match`; ValueError also if the pair does not have these rows.
     """
-    if not isinstance(statistics, PairStatistics):
-        raise TypeError(f"statistics: got {type(statistics).__name__}; accepts a PairStatistics")
-    if progress is not None and not callable(progress):
-        raise TypeError(f"progress: got {type(progress).__name__}; accepts a callable or None")
+    check_type("statistics", statistics, PairStatistics, "a PairStatistics")
+    check_callable("progress", progress)
 
     rows = Checked(read, statistics.size, statistics.dtype, statistics.borders, statistics.overlays)
     as_integer("first", first, least=0, most=statistics.size[0] - 1)
@@ -293,8 +290,7 @@ class Checked:
         borders: Borders = (None, None),
         overlays: tuple[Rectangle, ...] = (),
     ) -> None:
-        if not callable(read):
-            raise TypeError(f"read: got {type(read).__name__}; accepts a callable")
+        check_type("read", read, Callable, "a callable")
         self.size, self.borders, self.overlays = size, borders, overlays
         self._read, self._dtype = read, dtype
 

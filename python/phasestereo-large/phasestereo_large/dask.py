@@ -17,7 +17,7 @@ from phasestereo import _core
 from phasestereo._core import MOST_DISPARITIES
 from phasestereo._extras import require
 from phasestereo._images import as_pair
-from phasestereo._numbers import as_integer
+from phasestereo._numbers import as_integer, check_type
 from phasestereo.known import Known
 from phasestereo.result import MAPS, maps_with
 from phasestereo.settings import PresetName, Settings, SettingsOverrides, resolve
@@ -214,9 +214,7 @@ class _Excerpt:
 
 def _check_images(left: Array, right: Array, da: Any) -> None:
     for name, image in (("left", left), ("right", right)):
-        if not isinstance(image, da.Array):
-            kind = type(image).__name__
-            raise TypeError(f"{name}: got {kind}; accepts a Dask array, as da.from_array makes it")
+        check_type(name, image, da.Array, "a Dask array, as da.from_array makes it")
         _check_chunks(image, name)
         if image.ndim not in (2, 3) or image.shape[2:] not in ((), (1,), (3,), (4,)):
             raise ValueError(

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from phasestereo._extras import require
 from phasestereo._images import Mask
+from phasestereo._numbers import check_type
 from phasestereo.io.drafts import replacing
 from phasestereo.io.files import StrPath, decoding
 from phasestereo.io.pixels import Pixels, as_samples, channels, look_up
@@ -473,10 +474,7 @@ def point_tag(place: Georeference) -> dict[str, str]:
 
 def placed(place: Georeference) -> dict[str, Any]:
     """Return a georeference as rasterio's arguments."""
-    if not isinstance(place, Georeference):
-        kind = type(place).__name__
-        raise TypeError(f"like: got {kind}; accepts Georeference, GeoImage or None")
-
+    check_type("like", place, Georeference, "Georeference, GeoImage or None")
     options: dict[str, Any] = {"crs": _as_crs(place.crs), "rpcs": place.rpcs}
     if place.gcps:
         options["gcps"] = list(place.gcps)

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from phasestereo import _core
 from phasestereo._extras import require
 from phasestereo._images import Mask, as_mask, join_masks
+from phasestereo._numbers import check_type
 from phasestereo.io.pixels import Pixels, as_samples
 from phasestereo.matching import match as match_pair
 from phasestereo.result import MAPS, Flag, Result
@@ -144,8 +145,7 @@ def as_dataset(result: Result, *, like: DataArray | None = None) -> Dataset:
     ImportError
         If xarray is not installed.
     """
-    if not isinstance(result, Result):
-        raise TypeError(f"result: got {type(result).__name__}; accepts a phasestereo.Result")
+    check_type("result", result, Result, "a phasestereo.Result")
 
     xarray = require("xarray", extra="geo")
     dims, coords = ("y", "x"), {}
@@ -197,19 +197,16 @@ def _attributes(name: str) -> dict[str, Any]:
 
 def _ordered(image: DataArray, name: str, xarray: Any) -> DataArray:
     """Return a view of an image with rows first, columns second, bands last."""
-    if not isinstance(image, xarray.DataArray):
-        raise TypeError(f"{name}: got {type(image).__name__}; accepts an xarray.DataArray")
-
-    labeled = cast("DataArray", image)
-    rows = [dim for dim in labeled.dims if dim in ROWS]
-    columns = [dim for dim in labeled.dims if dim in COLUMNS]
-    if len(rows) != 1 or len(columns) != 1 or labeled.ndim > 3:
+    check_type(name, image, xarray.DataArray, "an xarray.DataArray")
+    rows = [dim for dim in image.dims if dim in ROWS]
+    columns = [dim for dim in image.dims if dim in COLUMNS]
+    if len(rows) != 1 or len(columns) != 1 or image.ndim > 3:
         raise ValueError(
-            f"{name}: got dimensions {labeled.dims}; accepts rows ({', '.join(ROWS)}), columns "
+            f"{name}: got dimensions {image.dims}; accepts rows ({', '.join(ROWS)}), columns "
             f"({', '.join(COLUMNS)}) and at most one more, of bands"
         )
 
-    return labeled.transpose(rows[0], columns[0], ...)
+    return image.transpose(rows[0], columns[0], ...)
 
 
 def _check_rows(left: DataArray, right: DataArray) -> None:

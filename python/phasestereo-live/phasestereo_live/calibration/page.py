@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from phasestereo._numbers import check_type
 from phasestereo.io.drafts import replace_text
 from phasestereo.io.files import StrPath
 from phasestereo.views.templating import check_page_path, render_page
@@ -61,9 +62,7 @@ def write_calibration_page(
         If the extra ``report`` is not installed.
     """
     check_page_path(path)
-    if not isinstance(calibration, StereoCalibration):
-        got = type(calibration).__name__
-        raise TypeError(f"calibration: got {got}; accepts a StereoCalibration")
+    check_type("calibration", calibration, StereoCalibration, "a StereoCalibration")
 
     depth = calibration.depth_error(distances_of(calibration))
     used = [view for view in calibration.views if view.used]

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from phasestereo._core import MOST_DISPARITIES
 from phasestereo._images import ImageOrPath, as_mask, as_pair, as_views
-from phasestereo._numbers import as_integer
+from phasestereo._numbers import as_integer, check_callable, check_type
 from phasestereo._opening import opened
 from phasestereo.io.pair import Layout, LayoutError
 from phasestereo.io.rigs.cameras import Cameras
@@ -221,16 +221,12 @@ def stream(
     ...     for frame in frames:
     ...         print(frame.index, np.nanmedian(frame.result.disparity))
     """
-    if on_error is not None and not callable(on_error):
-        raise TypeError(f"on_error: got {type(on_error).__name__}; accepts a callable or None")
+    check_callable("on_error", on_error)
     wanted = _wanted(start, stop, every)
     if patience is not None:
         as_integer("patience", patience, least=1)
 
-    if not isinstance(temporal_filter, bool):
-        kind = type(temporal_filter).__name__
-        raise TypeError(f"temporal_filter: got {kind}; accepts True or False")
-
+    check_type("temporal_filter", temporal_filter, bool, "True or False")
     rig = Rig(
         num_disparities=num_disparities,
         min_disparity=min_disparity,
