@@ -274,6 +274,7 @@ def test_a_folder_of_frames_is_rectified(run: Callable[..., Run], scene: tuple[A
     ("rectify left.png right.png --json --calibration no.yml", FAILED, "no.yml: No such file"),
     ("rectify left.png right.png --json --calibration a b c", WRONG, "--calibration: got tuple"),
     ("rectify left.png right.png --json --alpha 3", WRONG, "--alpha"),
+    ("rectify left.png right.png --json --alpha 0.5", WRONG, "--alpha: got 0.5; accepts None"),
     ("rectify left.png nowhere.png --json", FAILED, "nowhere.png: No such file"),
     ("rectify left.png both.png --json", FAILED, "images that do not show how to rectify them"),
     ("rectify left.png --json", WRONG, "--layout: got None for left.png"),

@@ -455,6 +455,13 @@ def test_what_is_missing_is_reported() -> None:
         rectified(rig)
 
 
+def test_an_alpha_that_has_no_effect_is_refused() -> None:
+    maps = zip(("map1x", "map1y", "map2x", "map2y"), np.ones((4, *SIZE[::-1])), strict=True)
+    for calibration in (None, rectified(made_up()), dict(maps)):
+        with pytest.raises(ValueError, match=r"^alpha: got 0\.5; accepts None without the matric"):
+            rectified(calibration, alpha=0.5)
+
+
 def test_a_calibration_of_another_size_is_refused(tmp_path: Path) -> None:
     (tmp_path / "camchain.yaml").write_text(kalibr(made_up(), "radtan"))
     small: Any = PAIR[:, ::2]

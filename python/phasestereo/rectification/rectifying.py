@@ -61,7 +61,7 @@ def rectify(
     alpha
         How much of the images to keep, as in ``cv2.stereoRectify``: from 0, only pixels valid
         everywhere, to 1, all pixels. None: as the calibration has it, or OpenCV's default, -1. For
-        calibrations only.
+        calibrations with matrices only.
     interpolation
         The interpolation between pixels: "linear", "cubic" or "lanczos" (8 x 8 pixels). None:
         linear with a calibration, to the same bits as OpenCV's `remap` by default; lanczos without
@@ -107,7 +107,11 @@ def rectify(
 
     _check_options(alpha, interpolation)
 
-    if calibration is None:
+    cameras = None if calibration is None else read_calibration(calibration)
+    if alpha is not None and (not isinstance(cameras, Cameras) or cameras.is_maps):
+        raise ValueError(f"alpha: got {alpha}; accepts None without the matrices of a calibration")
+
+    if cameras is None:
         pairs = [found.pair, *(opened_alike(other).pair for other in others)]
         _check_pairs(pairs)
         matrices, error, sentences = _core.rectify_pairs(pairs)
@@ -115,7 +119,6 @@ def rectify(
         made = _rectified(found, Warp(maps, None), "images", interpolation or "lanczos")
         return replace(made, error=error, sentences=tuple(sentences))
 
-    cameras = read_calibration(calibration)
     if isinstance(cameras, Rectification):
         return _rectified_again(found, cameras, interpolation)
     warp = cameras.warp(size, alpha, found.right)

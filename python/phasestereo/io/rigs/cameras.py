@@ -95,7 +95,7 @@ class Cameras:
 
     def __post_init__(self) -> None:
         """Refuse incomplete cameras."""
-        if self._has(*MAPS):
+        if self.is_maps:
             return
 
         wanted = INTRINSICS if self._has(*RECTIFIED) else (*INTRINSICS, *POSE)
@@ -106,6 +106,11 @@ class Cameras:
                 "; a rectification takes K1, D1, K2, D2 with R, T or with R1, R2, P1, P2, or the "
                 "maps map1x, map1y, map2x, map2y"
             )
+
+    @property
+    def is_maps(self) -> bool:
+        """Whether these are maps for ``cv2.remap``, which leave nothing to choose."""
+        return self._has(*MAPS)
 
     def warp(
         self, size: tuple[int, int], alpha: float | None, right: RightView | None = None
@@ -136,7 +141,7 @@ class Cameras:
             )
 
         cameras, notes = self.at(size, right)
-        if cameras._has(*MAPS):
+        if cameras.is_maps:
             (x1, y1, x2, y2) = (cameras.matrices[name].astype(np.float32) for name in MAPS)
             return Warp(((x1, y1), (x2, y2)), self.matrices.get("Q"), notes=notes)
 
@@ -168,12 +173,12 @@ class Cameras:
         right = self.right_size and RightView(self.right_size, _scaling(self.right_size, wanted))
         cameras, notes = self.at(wanted, right)
         q = cameras.matrices.get("Q")
-        if not cameras._has(*MAPS):
+        if not cameras.is_maps:
             poses = cameras._poses(wanted, None)
             q = q_of(poses["P1"], poses["P2"])
         if q is None:
             raise ValueError("has no baseline: depths need one")
-        if not cameras._has(*RECTIFIED) and not cameras._has(*MAPS):
+        if not cameras._has(*RECTIFIED) and not cameras.is_maps:
             notes += ("the geometry is that of pairs which `rectify` makes by this calibration",)
         return Calibration.from_q(q, width=wanted[0], height=wanted[1], unit=self.unit), notes
 
@@ -202,11 +207,11 @@ class Cameras:
             return exact[0]._fitted(right), notes
 
         fitting = [
-            one for one in every if not one._has(*MAPS) and all(map(fits, one._known or (), wanted))
+            one for one in every if not one.is_maps and all(map(fits, one._known or (), wanted))
         ]
         if not fitting:
             known = " or ".join(_in_words(one._known or ()) for one in every)
-            if every[0]._has(*MAPS):
+            if every[0].is_maps:
                 raise ValueError(
                     f"calibration: got maps of {known} pixels, which cannot be scaled; accepts "
                     f"those of the images' {_in_words(wanted)}"
@@ -223,7 +228,7 @@ class Cameras:
     def _known(self) -> tuple[tuple[int, int], tuple[int, int]] | None:
         """Columns and rows of the left and the right images, if known."""
         size = self.size
-        if self._has(*MAPS):
+        if self.is_maps:
             rows, cols = self.matrices[MAPS[0]].shape
             size = cols, rows
         return size and (size, self.right_size or size)
