@@ -74,7 +74,31 @@ def test_sentences_are_those_of_the_library(run: Callable[..., Run]) -> None:
     code, out, err = run("check", "left.png", "right.png")
     assert (code, err) == (0, "")
     check = importlib.import_module("phasestereo.rig.diagnosis").check
-    assert out == f"{check(io.read_image('left.png'), io.read_image('right.png'))}\n"
+    said = str(check(io.read_image("left.png"), io.read_image("right.png")))
+    for name in ("min_disparity", "num_disparities"):
+        assert said.count(name) == 1
+        said = said.replace(name, f"--{name.replace('_', '-')}")
+    assert out == f"{said}\n"
+
+
+@pytest.mark.parametrize(
+    ("sentence", "expected"),
+    [
+        ("match with vertical=True, the upper", "match with --vertical, the upper"),
+        ("(x, y - d); vertical=False matches rows", "(x, y - d); --no-vertical matches rows"),
+        ("or leave num_disparities out", "or leave --num-disparities out"),
+        ("0 where num_disparities is None, since", "0 without --num-disparities, since"),
+        ("min_confidence: needs confidence=True.", "--min-confidence: needs --confidence."),
+        ("a window of 5, vertical, in camera_info", "a window of 5, vertical, in camera_info"),
+        ("left_mask.png: damaged; /a/left_mask/b", "left_mask.png: damaged; /a/left_mask/b"),
+        (r"C:\left_mask: x; my-left_mask", r"C:\left_mask: x; my-left_mask"),
+    ],
+)
+def test_arguments_in_sentences_are_options(sentence: str, expected: str) -> None:
+    errors = importlib.import_module("phasestereo.cli.errors")
+    assert errors.spelled(sentence) == expected
+    finding = ps.Finding("match", "note", sentence)
+    assert errors.worded([finding]) == [f"note: {expected}"]
 
 
 def test_faults_are_no_failure(run: Callable[..., Run]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import pickle
 from typing import TYPE_CHECKING, Any
 
@@ -426,6 +427,19 @@ def test_the_commands_write_what_python_returns(
         assert code == 1
         assert "this is int16" in err
         assert "sixteenths of a pixel by their unit" in err
+
+
+def test_the_command_warns_of_what_spoils_the_pair(
+    rendered: Pair, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    ps.io.write_image("upper.png", np.rot90(rendered.left, -1))
+    ps.io.write_image("lower.png", np.rot90(rendered.right, -1))
+    code, out, err = run("prepare", "upper.png", "lower.png", "--json")
+    warned = [each for each in json.loads(out)["findings"] if each["severity"] == "warning"]
+    assert (code, len(err.splitlines())) == (0, len(warned))
+    assert "warning: one camera seems to be above the other" in err
+    assert "match with --vertical, the upper image first" in err
 
 
 @pytest.mark.parametrize(

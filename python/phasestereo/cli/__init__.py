@@ -17,7 +17,7 @@ from cyclopts import App, CycloptsError, Parameter, UnusedCliTokensError
 
 import phasestereo
 from phasestereo.cli import match
-from phasestereo.cli.errors import WRONG_USAGE, CommandError
+from phasestereo.cli.errors import WRONG_USAGE, CommandError, spelled
 from phasestereo.cli.help import EXPERT, Help
 from phasestereo.cli.terminal import print_lines, say
 
@@ -181,5 +181,5 @@ def _execute(arguments: Sequence[str]) -> None:
 
 
 def _refuse(error: CommandError) -> int:
-    say("error: " + " ".join(str(error).split()))
+    say("error: " + spelled(" ".join(str(error).split())))
     return error.code

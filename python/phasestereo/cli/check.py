@@ -11,7 +11,7 @@ from cyclopts import Parameter
 from numpy.typing import NDArray
 
 import phasestereo
-from phasestereo.cli.errors import claim, refusals, refuse_warnings
+from phasestereo.cli.errors import claim, refusals, refuse_warnings, worded
 from phasestereo.cli.pairing import read_both
 from phasestereo.cli.terminal import print_json, print_lines
 from phasestereo.io import read_image, write_image
@@ -74,7 +74,7 @@ def check(
     if as_json:
         print_json({"version": phasestereo.__version__, **diagnosis.as_dict()})
     else:
-        print_lines(str(diagnosis).splitlines())
+        print_lines(worded(diagnosis.findings))
     if strict:
         refuse_warnings(diagnosis.findings)
 

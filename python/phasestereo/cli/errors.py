@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import MappingProxyType
 
+from phasestereo import _core
 from phasestereo.cli.terminal import say
 from phasestereo.io.files import describe_error
 from phasestereo.io.image import is_picture
@@ -16,6 +18,14 @@ from phasestereo.rig.findings import Finding, untrusted
 RUN_FAILED = 1
 WRONG_USAGE = 2
 UNTRUSTED = 3
+
+_LONG = ["num_disparities", "min_disparity", "max_disparity", "left_mask", "right_mask"]
+_NAMES = "|".join([*_LONG, "vertical", *(setting.name for setting in _core.SETTINGS)])
+_ARGUMENT = re.compile(
+    rf"(?<![\w./\\-])(?:where (?P<absent>{_NAMES}) is None|(?P<flag>{_NAMES})=(?P<on>True|False)|"
+    rf"(?P<name>(?=[a-z0-9]+_)(?:{_NAMES})))(?![\w/\\-]|\.\w)"
+)
+"""Arguments of Python in sentences; not in the names of files."""
 
 
 class CommandError(Exception):
@@ -66,6 +76,19 @@ def refusals(
 def option(argument: str) -> str:
     """Return the command line's spelling of this argument."""
     return "--" + argument.replace("_", "-")
+
+
+def spelled(sentence: str) -> str:
+    """Return a sentence of the library with the command line's spelling of its arguments."""
+    return _ARGUMENT.sub(_spelled, sentence)
+
+
+def _spelled(found: re.Match[str]) -> str:
+    if found["absent"]:
+        return f"without {option(found['absent'])}"
+    if found["flag"]:
+        return option(found["flag"] if found["on"] == "True" else f"no_{found['flag']}")
+    return option(found["name"])
 
 
 def wrong(argument: str, message: str) -> CommandError:
@@ -129,10 +152,15 @@ def _is_same(path: Path, other: Path) -> bool:
     return os.path.realpath(path) == os.path.realpath(other)
 
 
+def worded(found: Iterable[Finding]) -> list[str]:
+    """Return one line per finding."""
+    return [f"{one.severity}: {spelled(one.sentence)}" for one in found]
+
+
 def show_findings(found: Iterable[Finding]) -> None:
     """Print one line per finding on standard error."""
-    for one in found:
-        say(f"{one.severity}: {one.sentence}")
+    for line in worded(found):
+        say(line)
 
 
 def refuse_warnings(found: Iterable[Finding]) -> None:

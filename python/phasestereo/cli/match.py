@@ -18,6 +18,7 @@ from phasestereo.cli.options import (
     Bands,
     Count,
     Overrides,
+    Threads,
 )
 from phasestereo.cli.outputs import Outcome, Outputs, rehearsal
 from phasestereo.cli.pairing import OPTIONS, Pairing, names_of, read_both, read_masks
@@ -65,7 +66,7 @@ def match(
     left_mask: Annotated[Path | None, Parameter(group=_SEARCH)] = None,
     right_mask: Annotated[Path | None, Parameter(group=_SEARCH)] = None,
     bands: Annotated[Bands | None, Parameter(group=_SEARCH)] = None,
-    threads: Annotated[int | None, Parameter(group=_SEARCH)] = None,
+    threads: Annotated[Threads, Parameter(group=_SEARCH)] = None,
     device: Annotated[str, Parameter(group=_SEARCH)] = "cpu",
     noise: Annotated[float | None, Parameter(group=_SEARCH)] = None,
     second: Annotated[str | None, Parameter(group=_SEARCH)] = None,

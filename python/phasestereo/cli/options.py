@@ -52,6 +52,9 @@ Bands = Annotated[
 ]
 """Whole numbers in one word of the command line."""
 
+Threads = Annotated[int | None, Parameter(validator=AT_LEAST_ONE)]
+"""A number of threads; the core refuses too many."""
+
 PRESET_HELP = f"Settings to start from: {', '.join(PRESETS)}."
 SETTINGS_HELP = "Each takes the place of the preset's."
 

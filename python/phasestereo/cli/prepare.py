@@ -11,13 +11,14 @@ from cyclopts import Parameter
 
 import phasestereo
 from phasestereo.cli.errors import WRONG_USAGE, CommandError, claim, refusals, show_findings
+from phasestereo.cli.options import Threads
 from phasestereo.cli.rehearsing import rehearse, rehearse_images
 from phasestereo.cli.terminal import print_json, print_lines
 from phasestereo.io import read_disparity, write_disparity, write_image
 from phasestereo.io.disparity import read_sixteenths
 from phasestereo.io.views import read_view
 from phasestereo.preparation import Restoration, Unit, prepare as prepare_pair
-from phasestereo.rig.findings import untrusted, unwarned
+from phasestereo.rig.findings import unwarned
 
 _JSON = Parameter(name="--json", negative=(), show_default=False)
 
@@ -32,7 +33,7 @@ def prepare(
     max_disparity: int | None = None,
     num_disparities: int | None = None,
     min_disparity: int = 0,
-    threads: int | None = None,
+    threads: Threads = None,
     as_json: Annotated[bool, _JSON] = False,
 ) -> None:
     """Prepare a pair for another matcher: rectified, rows aligned, equally sharp and bright.
@@ -88,7 +89,7 @@ def prepare(
             min_disparity=min_disparity,
             threads=threads,
         )
-    show_findings(untrusted(pair.findings))
+    show_findings(one for one in pair.findings if one.severity == "warning")
     with refusals():
         for path, image in zip(output or (), (pair.left, pair.right), strict=False):
             write_image(path, image)

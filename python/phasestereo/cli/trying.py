@@ -11,7 +11,7 @@ import numpy as np
 from cyclopts import Parameter
 from numpy.typing import NDArray
 
-from phasestereo.cli.errors import refusals
+from phasestereo.cli.errors import refusals, worded
 from phasestereo.cli.terminal import print_lines
 from phasestereo.matching import match
 from phasestereo.rig.findings import unwarned
@@ -41,7 +41,7 @@ def try_it(
         result = match(left, right)
         write_pair_page(output, left, right, result, title="Boxes, the left image out of focus")
     seconds = sum(result.timings.values())
-    print_lines([f"{found.severity}: {found.sentence}" for found in result.findings])
+    print_lines(worded(result.findings))
     print_lines([f"matched in {seconds:.2f} s"])
     print_lines([f"look at {output}; your own: phasestereo match LEFT RIGHT --report page.html"])
     if show and sys.stderr.isatty():

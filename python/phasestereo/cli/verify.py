@@ -10,7 +10,8 @@ from typing import Annotated, Any
 from cyclopts import Parameter
 
 import phasestereo
-from phasestereo.cli.errors import claim, refusals, refuse_warnings
+from phasestereo.cli.errors import claim, refusals, refuse_warnings, worded
+from phasestereo.cli.options import Threads
 from phasestereo.cli.terminal import print_json, print_lines, progress_bar
 from phasestereo.io import read_disparity, read_image, write_disparity, write_image
 from phasestereo.verification import Verification, verify as verify_map
@@ -31,7 +32,7 @@ def verify(
     picture: Path | None = None,
     better: Path | None = None,
     verdict: Path | None = None,
-    threads: int | None = None,
+    threads: Threads = None,
     as_json: Annotated[bool, Parameter(name="--json", negative=(), show_default=False)] = False,
     strict: Annotated[bool, Parameter(negative=())] = False,
 ) -> None:
@@ -82,7 +83,7 @@ def verify(
     if as_json:
         print_json(_record(found, files))
     else:
-        print_lines(str(found).splitlines())
+        print_lines(worded(found.findings))
 
     if strict:
         refuse_warnings(found.findings)

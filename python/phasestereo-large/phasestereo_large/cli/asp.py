@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from phasestereo._images import Mask
 from phasestereo.cli.errors import claim, refusals, show_findings, wrong
-from phasestereo.cli.options import PRESET_HELP, REASONABLE, SETTINGS_HELP, Overrides
+from phasestereo.cli.options import PRESET_HELP, REASONABLE, SETTINGS_HELP, Overrides, Threads
 from phasestereo.matching import match
 from phasestereo.result import Result
 from phasestereo.rig.findings import unwarned
@@ -37,7 +37,7 @@ def asp(
     minimum: Annotated[_Bound, Parameter(alias="-r")] = None,
     maximum: Annotated[_Bound, Parameter(alias="-R")] = None,
     preset: Annotated[str, Parameter(group=_SEARCH, help=PRESET_HELP)] = PRESET,
-    threads: Annotated[int | None, Parameter(group=_SEARCH)] = None,
+    threads: Annotated[Threads, Parameter(group=_SEARCH)] = None,
     overrides: Annotated[Overrides | None, Parameter(name="*", group=_SETTINGS)] = None,
 ) -> None:
     """Match a tile of the Ames Stereo Pipeline, which calls this command.

@@ -17,6 +17,7 @@ from phasestereo.cli.options import (
     SETTINGS_HELP,
     Bands,
     Overrides,
+    Threads,
 )
 from phasestereo.cli.terminal import print_json, print_lines, progress_bar, say
 from phasestereo.known import Known
@@ -56,7 +57,7 @@ def large(
     bands: Annotated[Bands | None, Parameter(group=_SEARCH)] = None,
     noise: Annotated[float | None, Parameter(group=_SEARCH)] = None,
     max_memory: Annotated[str, Parameter(group=_WORK)],
-    threads: Annotated[int | None, Parameter(group=_WORK)] = None,
+    threads: Annotated[Threads, Parameter(group=_WORK)] = None,
     band_rows: Annotated[int | None, Parameter(group=_WORK)] = None,
     restart: Annotated[bool, Parameter(negative=(), show_default=False, group=_WORK)] = False,
     overrides: Annotated[Overrides | None, Parameter(name="*", group=_SETTINGS)] = None,

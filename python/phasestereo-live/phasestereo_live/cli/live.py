@@ -19,6 +19,7 @@ from phasestereo.cli.options import (
     SETTINGS_HELP,
     Count,
     Overrides,
+    Threads,
 )
 from phasestereo.cli.pairing import AUTO, as_calibration, read_masks
 from phasestereo.cli.terminal import say
@@ -78,7 +79,7 @@ def live(
     temporal_filter: Annotated[bool, Parameter(group=_SOURCE)] = True,
     num_disparities: Annotated[Count, Parameter(group=_SEARCH, validator=AT_LEAST_ONE)] = None,
     min_disparity: Annotated[int, Parameter(group=_SEARCH, validator=REASONABLE)] = 0,
-    threads: Annotated[int | None, Parameter(group=_SEARCH)] = None,
+    threads: Annotated[Threads, Parameter(group=_SEARCH)] = None,
     left_mask: Annotated[Path | None, Parameter(group=_SEARCH)] = None,
     right_mask: Annotated[Path | None, Parameter(group=_SEARCH)] = None,
     noise: Annotated[float | None, Parameter(group=_SEARCH)] = None,

@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn
 
 import phasestereo
+from phasestereo.cli.errors import spelled
 from phasestereo.cli.terminal import print_json, print_lines, say
 from phasestereo.settings import Settings
 from phasestereo_live.ros.pairing import UnpairedError
@@ -64,7 +65,7 @@ class Tally:
         for found in frame.result.findings:
             if found.topic not in self._topics:
                 self._topics.add(found.topic)
-                say(f"frame {frame.index}: {found.severity}: {found.sentence}")
+                say(f"frame {frame.index}: {found.severity}: {spelled(found.sentence)}")
 
     def searched(self, frame: Frame) -> tuple[int, int]:
         """Return the first disparity searched and the one after the last.
