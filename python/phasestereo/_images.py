@@ -29,6 +29,8 @@ ACCEPTED = "uint8, uint16, float32 or float64"
 
 _INTENSITIES = (0.1, 99.9)  # percentiles: the ends of `Settings.intensity_range`, too
 _KINDS = {"b": "bool", "f": "floats", "iu": "integers", "iuf": "real numbers"}
+_MODES = ("P", "PA", "CMYK", "YCbCr", "HSV", "LAB")
+"""Of Pillow's images: arrays of these hold indices of a palette, or other colors than RGB."""
 _SAMPLES = 2**20  # pixels: nearly as good as all of them for finding the ends of intensities
 
 
@@ -229,6 +231,10 @@ def as_array(value: ArrayLike, name: str) -> NDArray[np.generic]:
     """
     if _is_masked_array(value):
         raise TypeError(f"{name}: got a masked array; accepts plain arrays, and masks apart")
+    if value is None or isinstance(value, str | bytes | os.PathLike):
+        raise TypeError(f"{name}: got {type(value).__name__}; accepts an array")
+    if (mode := getattr(value, "mode", None)) in _MODES:
+        raise TypeError(f"{name}: got Pillow's mode {mode}; accepts L, RGB, RGBA, I;16 or F")
 
     try:
         if hasattr(value, "__dlpack__") and not hasattr(value, "__array__"):

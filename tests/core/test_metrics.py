@@ -255,7 +255,7 @@ IN = np.ones((2, 3), np.bool_)
     [
         ((FLAT.astype(np.int16), FLAT, IN), TypeError, "estimate: got dtype int16; accepts floats"),
         ((FLAT, FLAT.astype(np.uint8), IN), TypeError, "truth: got dtype uint8; accepts floats"),
-        ((None, FLAT, IN), TypeError, "estimate: got dtype object; accepts floats"),
+        ((None, FLAT, IN), TypeError, "estimate: got NoneType; accepts an array"),
         ((FLAT, FLAT, IN.astype(np.uint8) * 255), TypeError, "mask: got dtype uint8; accepts bool"),
         ((FLAT[0], FLAT[0], IN[0]), ValueError, r"estimate: got shape \(3,\); accepts \(H, W\)"),
         ((FLAT, FLAT.T, IN), ValueError, r"truth: got shape \(3, 2\); accepts \(2, 3\)"),

@@ -7,6 +7,7 @@ import pytest
 
 import phasestereo as ps
 from phasestereo._images import as_pixels
+from support import counterpart
 
 IMAGE = np.zeros((6, 8), np.uint8)
 REAL = np.zeros((6, 8), np.float32)
@@ -40,6 +41,7 @@ def holed(value: float) -> np.ndarray:
         np.zeros((6, 8), "datetime64[s]"),
         np.zeros((6, 8), [("red", np.uint8)]),
         None,
+        b"left.png",
         [[0, 1], [2, 3]],
         [[0], [1, 2]],
         {1: 2},
@@ -48,6 +50,21 @@ def holed(value: float) -> np.ndarray:
 )
 def test_what_is_no_image_of_a_known_type(name: str, image: object) -> None:
     refused(TypeError, f"^{name}: got .*; accepts ", **{name: image})
+
+
+def test_what_was_not_read_is_named_by_its_type() -> None:
+    refused(TypeError, "^right: got NoneType; accepts an array", right=None)  # from cv2.imread
+    refused(TypeError, "^left: got bytes; accepts an array", left=b"left.png")
+    refused(TypeError, "^left_mask: got str; accepts an array", left_mask="mask.png")
+
+
+@pytest.mark.parametrize("mode", ["P", "CMYK", "YCbCr"])
+def test_pictures_whose_numbers_are_no_colors_are_refused(mode: str) -> None:
+    image = counterpart("PIL.Image")
+    picture = image.fromarray(np.repeat(IMAGE[:, :, np.newaxis], 3, axis=2))
+    refused(TypeError, f"^right: got Pillow's mode {mode}; acc", right=picture.convert(mode))
+    for accepted in ("L", "RGB", "RGBA", "F"):
+        np.testing.assert_array_equal(as_pixels(picture.convert(accepted), "left")[..., 0], IMAGE)
 
 
 @pytest.mark.parametrize("name", ["left", "right"])
@@ -89,8 +106,8 @@ def test_masks_that_hide_too_little() -> None:
 
 @pytest.mark.parametrize("name", ["left_mask", "right_mask"])
 def test_masks_of_another_kind(name: str) -> None:
-    for mask in (np.ones((6, 8), np.uint8), np.ones((6, 8)), "mask", [[1]], 5):
-        refused(TypeError, f"^{name}: got .*; accepts bool", **{name: mask})
+    for mask in (np.ones((6, 8), np.uint8), np.ones((6, 8)), [[1]], 5):
+        refused(TypeError, f"^{name}: got dtype .*; accepts bool", **{name: mask})
     for shape in ((6, 9), (6,), (6, 8, 1), (0, 0)):
         refused(ValueError, f"^{name}: got shape .*; accepts", **{name: np.ones(shape, bool)})
 

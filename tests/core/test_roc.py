@@ -114,7 +114,7 @@ IN = np.ones((2, 3), np.bool_)
     ("inputs", "options", "error", "message"),
     [
         ((FLAT > 0, FLAT, FLAT), {}, TypeError, "confidence: got dtype bool"),
-        ((None, FLAT, FLAT), {}, TypeError, "confidence: got dtype object"),
+        ((None, FLAT, FLAT), {}, TypeError, "confidence: got NoneType"),
         ((FLAT, FLAT.astype(np.int16), FLAT), {}, TypeError, "estimate: got dtype int16"),
         ((FLAT[:, :1], FLAT, FLAT), {}, ValueError, r"confidence: got shape \(2, 1\)"),
         ((FLAT, FLAT, FLAT[:1]), {}, ValueError, r"truth: got shape \(1, 3\)"),

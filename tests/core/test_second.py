@@ -200,7 +200,7 @@ def fails(_left: object, _right: object) -> Map:
         (fails, "second matcher fails failed.*RuntimeError: out of memory"),
         (lambda _left, _right: np.zeros((3, 4)), r"answer of .*: got shape \(3, 4\)"),
         (lambda left, _right: np.full(left.shape[:2], np.nan), "no pixel has a disparity"),
-        (lambda _left, _right: "map", "dtype"),
+        (lambda _left, _right: "map", "got str; accepts an array"),
         (lambda _left, _right: None, "second matcher"),
     ],
 )

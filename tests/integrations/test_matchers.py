@@ -243,7 +243,7 @@ def test_a_function_gets_the_images_as_they_are() -> None:
             TypeError,
             "answer of f: got dtype complex128; accepts real",
         ),
-        (None, TypeError, "answer of f: got dtype object"),
+        (None, TypeError, "answer of f: got NoneType"),
     ],
 )
 def test_an_answer_that_is_not_a_map_is_refused(

@@ -148,7 +148,7 @@ ONE = np.ones((ROWS, COLS), np.float32)
     ("disparity", "options", "error", "message"),
     [
         (ONE > 0, {}, TypeError, "disparity: got dtype bool"),
-        ("no map", {}, TypeError, "disparity: got dtype <U6"),
+        ("no map", {}, TypeError, "disparity: got str; accepts an array"),
         (np.ma.masked_array(ONE), {}, TypeError, "disparity: got a masked array"),
         (ONE[0], {}, ValueError, r"disparity: got shape \(64,\)"),
         (ONE[:, 1:], {}, ValueError, "calibration: got that of 64 x 48 pixels; .* 63 x 48"),

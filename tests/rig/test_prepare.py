@@ -351,7 +351,7 @@ def test_units_sizes_and_gaps(made: ps.Prepared) -> None:
         (np.zeros((2, 2), bool), None, TypeError, "disparity: got dtype bool"),
         (np.zeros((2, 2), np.int16), None, ValueError, "unit: got none for a map of int16"),
         (np.zeros((2, 2)), "px", ValueError, "unit: got 'px'; accepts pixels, sixteenths or None"),
-        ("map", None, TypeError, "disparity: got dtype <U3"),
+        ("map", None, TypeError, "disparity: got str; accepts an array"),
     ],
 )
 def test_what_is_not_a_map_of_the_pair_is_refused(

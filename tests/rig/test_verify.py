@@ -209,7 +209,7 @@ def test_a_claim_beyond_the_range_that_is_found_is_searched(scene: Scene) -> Non
         (np.full((HEIGHT, WIDTH), np.inf), ValueError, "no pixel claims a disparity"),
         (np.ones((HEIGHT, WIDTH), bool), TypeError, "disparity: got dtype bool"),
         (np.ones((HEIGHT, WIDTH), complex), TypeError, "disparity: got dtype complex128"),
-        ("map.pfm", TypeError, "disparity: got dtype"),
+        ("map.pfm", TypeError, "disparity: got str; accepts an array"),
         (np.ma.ones((HEIGHT, WIDTH)), TypeError, "disparity: got a masked array"),
     ],
 )

@@ -101,6 +101,8 @@ def read_samples(path: StrPath, dtypes: Sequence[str]) -> NDArray[Any]:
     """
     with decoding(path) as file:
         head = file.read(8)
+        if not head:
+            raise ValueError("an empty file")
         file.seek(0)
         for magics, decode in _DECODERS.items():
             if head.startswith(magics):
