@@ -316,6 +316,7 @@ REFUSALS: list[tuple[str, int, str]] = [
     ("left.png broken.png --num-disparities 9 --json", FAILED, "broken.png: "),
     ("left.png small.png --num-disparities 9 --json", FAILED, "right: got 4 x 64 .*up to 8 times"),
     ("left.png text.png --num-disparities 9 --json", FAILED, "text.png: not an image"),
+    ("left.png empty.png --num-disparities 9 --json", FAILED, "empty.png: an empty file"),
     ("left.png inf.npy --num-disparities 9 --json", FAILED, "right: got inf"),
     ("inf.npy inf.npy --num-disparities 9 --json", FAILED, "left: "),
     ("left.png right.png --num-disparities 9 -o left.png/out.pfm", FAILED, "left.png: File exists"),
@@ -349,6 +350,7 @@ def test_refusals_are_one_line_and_leave_nothing(
 
     lie("lie.pfm")
     Path("text.png").write_text("not an image at all")
+    Path("empty.png").touch()
     Path("sub").mkdir()
     io.write_image("small.png", np.ones((4, 64), np.uint8))
     io.write_image("black.png", np.zeros((40, 65), np.uint8))
@@ -439,6 +441,36 @@ def test_reader_who_leaves_early_gets_no_traceback(tmp_path: Path) -> None:
         writer.stdout.close()
         assert writer.wait() == 1
     assert (tmp_path / "err").read_text() == ""
+
+
+@pytest.mark.usefixtures("folder")
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="/dev/full is Linux's")
+def test_output_that_nobody_can_take_gets_no_traceback() -> None:
+    words = "match", "left.png", "right.png", "--num-disparities", COUNT, "-o"
+    command = [sys.executable, "-m", "phasestereo", *map(str, words)]
+    with Path("/dev/full").open("w") as full:
+        for given in ([*command, "full.pfm"], [*command[:4], "--help"]):
+            ended = subprocess.run(given, stdout=full, stderr=subprocess.PIPE, check=False)  # noqa: S603 - our own command
+            said = b"phasestereo: error: standard output: No space left on device\n"
+            assert (ended.returncode, ended.stderr) == (FAILED, said)
+
+    for name, closed in (("no_out.pfm", ">&-"), ("no_err.pfm", "2>&-"), ("none.pfm", ">&- 2>&-")):
+        line = " ".join([*command, name, closed])
+        ended = subprocess.run(line, shell=True, capture_output=True, check=False)  # noqa: S602 - closes a stream
+        assert (ended.returncode, ended.stderr) == (0, b"")
+        assert Path(name).read_bytes() == Path("full.pfm").read_bytes()
+
+
+def test_the_home_folder_is_found_where_shells_leave_it(
+    folder: Path, run: Callable[..., Run], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HOME", str(folder / "home"))
+    monkeypatch.setenv("USERPROFILE", str(folder / "home"))
+    for words in (["--output=~/a.pfm"], ["-o", "~/b.pfm"]):
+        assert match(run, *words)[0] == 0
+    assert listing(folder / "home") == {"a.pfm", "b.pfm"}
+    assert match(run, "--output=./~/c.pfm")[0] == 0
+    assert listing(folder / "~") == {"c.pfm"}
 
 
 @pytest.mark.skipif(os.name == "nt", reason="needs a pseudo-terminal")

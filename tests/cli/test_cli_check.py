@@ -91,6 +91,7 @@ def test_sentences_are_those_of_the_library(run: Callable[..., Run]) -> None:
         ("min_confidence: needs confidence=True.", "--min-confidence: needs --confidence."),
         ("a window of 5, vertical, in camera_info", "a window of 5, vertical, in camera_info"),
         ("left_mask.png: damaged; /a/left_mask/b", "left_mask.png: damaged; /a/left_mask/b"),
+        ("columns 'num_disparities', `left_mask`", "columns 'num_disparities', `left_mask`"),
         (r"C:\left_mask: x; my-left_mask", r"C:\left_mask: x; my-left_mask"),
     ],
 )

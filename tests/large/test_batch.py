@@ -167,8 +167,11 @@ def test_a_list_says_all_that_can_be_said_of_a_pair(tmp_path: Path) -> None:
         ("left,right\na,b,c\n", "line 2: got 3 fields; accepts 2"),
         ("left,right\na\n", "line 2: got 1 fields; accepts 2"),
         ("left,right\na,\n", "line 2: right is missing"),
-        ("left,right,num_disparities\na,b,1\nc,d,many\n", "line 3: num_disparities: got 'many'"),
-        ("left,right,min_disparity\na,b,1.5\n", "line 2: min_disparity: got '1.5'; accepts an int"),
+        ("left,right,num_disparities\na,b,1\nc,d,many\n", "line 3: 'num_disparities': got 'many'"),
+        (
+            "left,right,min_disparity\na,b,1.5\n",
+            "line 2: 'min_disparity': got '1.5'; accepts an int",
+        ),
         ("left,right\nx/im0.png,b\ny/im0.png,c\n", "got name 'im0' for .*y/im0.png and for .*x/im"),
         ("left,right,name\na,b,A\nc,d,a\n", "got name 'a' for"),
         ("left,right,name\na,b,../a\n", "got name '../a'; accepts the name of a file"),

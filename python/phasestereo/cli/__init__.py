@@ -8,6 +8,7 @@ Importing this package needs the extra ``cli``; `phasestereo.__main__` reports w
 # No `from __future__ import annotations`: cyclopts reads these annotations at run time.
 
 import os
+import re
 import sys
 from collections.abc import Callable, Sequence
 from importlib.metadata import entry_points
@@ -131,6 +132,10 @@ def _missing(requirement: str) -> Callable[..., None]:
     return refuse
 
 
+_HOME = re.compile(r"(--[\w-]+=)?(~/.*)", re.DOTALL)
+"""A path that shells leave as it is behind an equals sign, and that would make a folder ``~``."""
+
+
 def _add_commands_of_others() -> None:
     """Add the entry points of other distributions, and placeholders for ours not installed."""
     found = {point.name: point.value for point in entry_points(group=COMMANDS)}
@@ -154,6 +159,9 @@ def run(arguments: Sequence[str]) -> int:
     arguments
         The words after the program's name on the command line.
     """
+    # Closed, as by >&-, they are None, and the next file would get what C writes there.
+    sys.stdout = sys.stdout or open(os.devnull, "w")  # noqa: PTH123, SIM115 - not closed
+    sys.stderr = sys.stderr or open(os.devnull, "w")  # noqa: PTH123, SIM115
     try:
         _execute(arguments)
         sys.stdout.flush()
@@ -164,20 +172,40 @@ def run(arguments: Sequence[str]) -> int:
         return _refuse(CommandError(str(error), WRONG_USAGE))
     except CommandError as error:
         return _refuse(error)
-    except BrokenPipeError:
-        # The reader has closed the pipe, as `| head` does; nothing is left to flush at exit.
+    except OSError as error:
+        if not _is_output_broken():
+            raise
+        # Nothing is left to flush at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 1
+        if isinstance(error, BrokenPipeError):
+            return 1  # the reader has closed the pipe, as `| head` does
+        return _refuse(CommandError(f"standard output: {error.strerror}"))
     return 0
+
+
+def _is_output_broken() -> bool:
+    """Return whether standard output refuses another line, as on a full disk."""
+    try:
+        sys.stdout.write("\n")
+        sys.stdout.flush()
+    except OSError:
+        return True
+    return False
 
 
 def _execute(arguments: Sequence[str]) -> None:
     _HELP_FORMATTER.whole, _HELP_FORMATTER.left_out = EXPERT in arguments, 0
-    arguments = ["--help" if word == EXPERT else word for word in arguments]
+    arguments = ["--help" if word == EXPERT else _at_home(word) for word in arguments]
     command, bound, _ = app.parse_args(arguments, exit_on_error=False, print_error=False)
     command(*bound.args, **bound.kwargs)
     if _HELP_FORMATTER.left_out:
         print_lines([f"{EXPERT} shows {_HELP_FORMATTER.left_out} more options, and all of these."])
+
+
+def _at_home(word: str) -> str:
+    """Return a word of the command line with the home folder in the place of ~."""
+    found = _HOME.fullmatch(word)
+    return f"{found[1] or ''}{os.path.expanduser(found[2])}" if found else word  # noqa: PTH111 - as it came
 
 
 def _refuse(error: CommandError) -> int:

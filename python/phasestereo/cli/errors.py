@@ -22,10 +22,10 @@ UNTRUSTED = 3
 _LONG = ["num_disparities", "min_disparity", "max_disparity", "left_mask", "right_mask"]
 _NAMES = "|".join([*_LONG, "vertical", *(setting.name for setting in _core.SETTINGS)])
 _ARGUMENT = re.compile(
-    rf"(?<![\w./\\-])(?:where (?P<absent>{_NAMES}) is None|(?P<flag>{_NAMES})=(?P<on>True|False)|"
-    rf"(?P<name>(?=[a-z0-9]+_)(?:{_NAMES})))(?![\w/\\-]|\.\w)"
+    rf"(?<![\w./\\'`-])(?:where (?P<absent>{_NAMES}) is None|(?P<flag>{_NAMES})=(?P<on>True|False)|"
+    rf"(?P<name>(?=[a-z0-9]+_)(?:{_NAMES})))(?![\w/\\'`-]|\.\w)"
 )
-"""Arguments of Python in sentences; not in the names of files."""
+"""Arguments of Python in sentences; not in quotes, and not in the names of files."""
 
 
 class CommandError(Exception):

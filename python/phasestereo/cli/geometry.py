@@ -233,15 +233,16 @@ class GeometryOptions:
             return None
         if focal is None:
             raise wrong("baseline", "has no effect without --focal")
-        return Calibration.from_focal(
-            focal,
-            self.baseline,
-            width=width,
-            height=height,
-            doffs=self.doffs or 0.0,
-            cx=self.cx,
-            cy=self.cy,
-        )
+        with refusals(options=("focal", *_WITH_FOCAL)):
+            return Calibration.from_focal(
+                focal,
+                self.baseline,
+                width=width,
+                height=height,
+                doffs=self.doffs or 0.0,
+                cx=self.cx,
+                cy=self.cy,
+            )
 
 
 @dataclass(frozen=True, slots=True)

@@ -128,7 +128,7 @@ def _check_columns(path: Path, given: Sequence[str]) -> None:
     if missing or unknown or len(set(given)) < len(given):
         raise ValueError(
             f"{path}: got columns {', '.join(map(repr, given)) or 'none'}; accepts left and right, "
-            f"and any of {', '.join(_COLUMNS[2:])}, each once, with commas between them"
+            f"and any of {', '.join(map(repr, _COLUMNS[2:]))}, each once, with commas between them"
         )
 
 
@@ -166,7 +166,7 @@ def _number(where: str, name: str, given: Mapping[str, str], default: int | None
     try:
         return int(given[name]) if name in given else default
     except ValueError as error:
-        raise ValueError(f"{where}: {name}: got {given[name]!r}; accepts an integer") from error
+        raise ValueError(f"{where}: {name!r}: got {given[name]!r}; accepts an integer") from error
 
 
 def _of_folder(folder: Path, search: tuple[int | None, int]) -> Iterator[PairFiles]:
