@@ -380,8 +380,10 @@ def resolve(
     names = [field.name for field in fields(Settings)]
     unknown = [name for name in overrides if name not in names]
     if unknown:
-        likely = get_close_matches(unknown[0], {*names, *_ARGUMENTS} - {unknown[0]}, 1)
+        likely = get_close_matches(unknown[0], {*names, *_ARGUMENTS}, 1)
         meant = f" (did you mean {likely[0]}?)" if likely else ""
+        if unknown[0] in _ARGUMENTS:
+            meant = " (an argument of match)"
         raise TypeError(f"{unknown[0]}: no such setting{meant}; accepts {', '.join(names)}")
 
     if settings is None:

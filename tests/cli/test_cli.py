@@ -251,6 +251,8 @@ def test_mistyped_arguments_are_guessed() -> None:
         ps.match(image, image, num_disparties=16)  # type: ignore[call-arg]
     with pytest.raises(TypeError, match=r"no such setting \(did you mean window\?\)"):
         ps.Matcher(windwo=5)  # type: ignore[call-arg]
+    with pytest.raises(TypeError, match=r"num_disparities: no such setting \(an argument of match"):
+        ps.Matcher(num_disparities=16)  # type: ignore[call-arg]
 
 
 def test_version_is_that_of_the_package(run: Callable[..., Run]) -> None:

@@ -166,6 +166,15 @@ def test_settings_arrive(run: Callable[..., Run]) -> None:
     assert listing() == {"video.mkv", "1.npy"}
 
 
+def test_a_frame_without_its_other_view_is_named_in_plain_words(run: Callable[..., Run]) -> None:
+    for side in (0, 1):
+        Path(str(side)).mkdir()
+        for index in range(2 - side):
+            io.write_image(f"{side}/{index}.png", pair(index)[side])
+    code, _, err = run("live", "0", "1", *SEARCH, "--json")
+    assert (code, err) == (0, "phasestereo: skipped frame 1: 1/1: No such file or directory\n")
+
+
 def test_json_is_one_object_and_nothing_else(run: Callable[..., Run]) -> None:
     damage(film(Path("a.mkv"), side_by_side(4), **INTRA), Path("b.mkv"), {1})
 

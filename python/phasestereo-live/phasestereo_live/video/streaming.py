@@ -21,6 +21,7 @@ from phasestereo._core import MOST_DISPARITIES
 from phasestereo._images import ImageOrPath, as_mask, as_pair, as_views
 from phasestereo._numbers import as_integer, check_callable, check_type
 from phasestereo._opening import opened
+from phasestereo.io.files import describe_error
 from phasestereo.io.pair import Layout, LayoutError
 from phasestereo.io.rigs.cameras import Cameras
 from phasestereo.io.rigs.reading import CalibrationSource
@@ -93,7 +94,7 @@ class Failure:
     error: Exception
 
     def __str__(self) -> str:
-        return f"frame {self.index}: {self.error}"
+        return f"frame {self.index}: {describe_error(self.error)}"
 
 
 def stream(
