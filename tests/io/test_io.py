@@ -23,6 +23,7 @@ from phasestereo.io import (
     set_max_pixels,
     write_disparity,
     write_image,
+    write_maps,
     write_pfm,
     write_ply,
 )
@@ -122,6 +123,11 @@ def test_new_files_have_ordinary_permissions(tmp_path: Path) -> None:
     write_pfm(tmp_path / "a.pfm", np.ones((2, 2), np.float32))
     (tmp_path / "b").write_bytes(b"")
     assert (tmp_path / "a.pfm").stat().st_mode == (tmp_path / "b").stat().st_mode
+
+
+def test_a_result_in_the_place_of_its_maps_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(TypeError, match=r"^maps: got int; accepts arrays by name, as Result\.maps"):
+        write_maps(tmp_path / "a.npz", 5)  # type: ignore[arg-type]
 
 
 # What is read is bounded

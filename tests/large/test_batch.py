@@ -194,6 +194,12 @@ def test_a_list_that_is_wrong_is_named_by_its_line(text: str, message: str, tmp_
         read_pairs(path, num_disparities=8)
 
 
+def test_a_folder_without_pairs_is_answered_by_what_a_batch_takes(tmp_path: Path) -> None:
+    (tmp_path / "a.png").touch()
+    with pytest.raises(ValueError, match=r"nor images named left.*; list the pairs in a CSV file"):
+        read_pairs(tmp_path)
+
+
 def test_a_list_as_spreadsheets_and_people_write_it(tmp_path: Path) -> None:
     path = tmp_path / "pairs.csv"
     path.write_bytes(b"\xef\xbb\xbf\r\nleft , right \r\n\r\na.png,b.png\r\n\r\n")

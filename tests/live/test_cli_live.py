@@ -172,7 +172,7 @@ def test_a_frame_without_its_other_view_is_named_in_plain_words(run: Callable[..
         for index in range(2 - side):
             io.write_image(f"{side}/{index}.png", pair(index)[side])
     code, _, err = run("live", "0", "1", *SEARCH, "--json")
-    assert (code, err) == (0, "phasestereo: skipped frame 1: 1/1: No such file or directory\n")
+    assert (code, err) == (0, "phasestereo: skipped frame 1: 1/1.png: No such file or directory\n")
 
 
 def test_json_is_one_object_and_nothing_else(run: Callable[..., Run]) -> None:

@@ -37,11 +37,21 @@ _LETTER = re.compile(r"(?<![a-z])l(?![a-z])", re.IGNORECASE)
 _SWAPPED = {"left": "right", "LEFT": "RIGHT", "Left": "Right", "l": "r", "L": "R"}
 
 
-def paths_of_rig(folder: Path) -> list[tuple[Path, Path]]:
+TWO_FOLDERS = "name both folders, or say layout if each image holds both views"
+
+
+def paths_of_rig(folder: Path, remedy: str = TWO_FOLDERS) -> list[tuple[Path, Path]]:
     """Find both views in one folder; return the left and the right file of each pair.
 
     They are in subfolders, named ``left`` and ``right`` or as in KITTI and EuRoC, or in one folder,
     with ``left`` and ``right``, or ``L`` and ``R`` as words, in the file names.
+
+    Parameters
+    ----------
+    folder
+        The folder.
+    remedy
+        What else the caller accepts, for the message.
 
     Raises
     ------
@@ -61,8 +71,7 @@ def paths_of_rig(folder: Path) -> list[tuple[Path, Path]]:
     else:
         raise ValueError(
             f"source: {folder} has neither folders left and right (or cam0 and cam1, or image_2 "
-            "and image_3) nor images named left... and right..., or ..._L and ..._R; name both "
-            "folders, or say layout if each image holds both views"
+            f"and image_3) nor images named left... and right..., or ..._L and ..._R; {remedy}"
         )
 
     return [(path, path.with_name(word.sub(_partner, path.stem) + path.suffix)) for path in lefts]
@@ -82,9 +91,13 @@ def pair_paths(left: Path, right: Path) -> list[tuple[Path, Path]]:
 
     if named[0].keys() & named[1].keys():
         # A frame with one view fails when it is read; the others keep their numbers.
-        stems = sorted(named[0].keys() | named[1].keys(), key=_natural)
+        lefts, rights = named
         return [
-            (named[0].get(stem, left / stem), named[1].get(stem, right / stem)) for stem in stems
+            (
+                lefts.get(stem) or left / rights[stem].name,
+                rights.get(stem) or right / lefts[stem].name,
+            )
+            for stem in sorted(lefts.keys() | rights.keys(), key=_natural)
         ]
 
     if len(views[0]) != len(views[1]):

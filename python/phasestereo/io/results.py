@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phasestereo._images import as_array
+from phasestereo._numbers import check_type
 from phasestereo.io.disparity import write_disparity
 from phasestereo.io.drafts import replacing
 from phasestereo.io.files import StrPath, suffix
@@ -32,7 +33,7 @@ def write_maps(path: StrPath, maps: Mapping[str, NDArray[Any]]) -> None:
     Raises
     ------
     TypeError
-        If a value is not an array of numbers.
+        If it is not a mapping, or a value is not an array of numbers.
     ValueError
         If the suffix is wrong.
     OSError
@@ -40,6 +41,7 @@ def write_maps(path: StrPath, maps: Mapping[str, NDArray[Any]]) -> None:
     """
     if suffix(path) != ".npz":
         raise ValueError(f"path of several maps must end in .npz, got {suffix(path)!r}")
+    check_type("maps", maps, Mapping, "arrays by name, as Result.maps has them")
     for name, values in maps.items():
         if as_array(values, name).dtype.kind not in "biuf":
             raise TypeError(f"{name}: got dtype {values.dtype}; accepts numbers")

@@ -18,6 +18,7 @@ from phasestereo.io.limits import LIST
 from phasestereo.result import LAYERS
 
 _NEEDED = ("left", "right")
+_LISTED = "list the pairs in a CSV file with columns left and right"
 _COLUMNS = (*_NEEDED, "name", "num_disparities", "min_disparity", "left_mask", "right_mask")
 _LONGEST = 200  # bytes of a name: with a suffix it must fit the limit of file systems
 _LONGEST_LINE = 2**16  # characters of a line
@@ -177,7 +178,7 @@ def _of_folder(folder: Path, search: tuple[int | None, int]) -> Iterator[PairFil
             yield _of_scene(scene, search)
         return
 
-    for left, right in paths_of_rig(folder):
+    for left, right in paths_of_rig(folder, _LISTED):
         yield PairFiles(
             name=left.stem,
             left=left,

@@ -137,7 +137,9 @@ def _follow(
 ) -> Iterator[tuple[Result, Rectification | None]]:
     """Match all frames with a rig; yield each match and the rectification of its frames."""
     found: Rectification | None = None
-    for names in paths_of_rig(left) if right is None else pair_paths(left, right):
+    for names in (
+        paths_of_rig(left, "name both folders") if right is None else pair_paths(left, right)
+    ):
         pair: tuple[NDArray[Any], NDArray[Any]] = read_image(names[0]), read_image(names[1])
         masks: dict[str, Any] = {}
         if calibration is not None:
