@@ -86,6 +86,7 @@ def test_sentences_are_those_of_the_library(run: Callable[..., Run]) -> None:
     [
         ("match with vertical=True, the upper", "match with --vertical, the upper"),
         ("(x, y - d); vertical=False matches rows", "(x, y - d); --no-vertical matches rows"),
+        ("got 5; at most max_depth, which is 2", "got 5; at most --max-depth, which is 2"),
         ("or leave num_disparities out", "or leave --num-disparities out"),
         ("0 where num_disparities is None, since", "0 without --num-disparities, since"),
         ("min_confidence: needs confidence=True.", "--min-confidence: needs --confidence."),

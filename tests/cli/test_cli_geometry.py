@@ -156,7 +156,7 @@ def test_what_is_kept_is_the_same_in_every_file(match: Callable[[str], Run]) -> 
     code, _, err = match(f"{files} --min-depth 9 --max-depth 5")
     assert (code, err) == (
         WRONG,
-        "phasestereo: error: --min-depth: got 9; accepts at most max_depth, which is 5\n",
+        "phasestereo: error: --min-depth: got 9; accepts at most --max-depth, which is 5\n",
     )
     assert (
         match(f"{files} --decimate 41")[2]

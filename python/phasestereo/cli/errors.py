@@ -19,7 +19,8 @@ RUN_FAILED = 1
 WRONG_USAGE = 2
 UNTRUSTED = 3
 
-_LONG = ["num_disparities", "min_disparity", "max_disparity", "left_mask", "right_mask"]
+_LONG = ["num_disparities", "min_disparity", "max_disparity", "min_depth", "max_depth"]
+_LONG += ["left_mask", "right_mask"]
 _NAMES = "|".join([*_LONG, "vertical", *(setting.name for setting in _core.SETTINGS)])
 _ARGUMENT = re.compile(
     rf"(?<![\w./\\'`-])(?:where (?P<absent>{_NAMES}) is None|(?P<flag>{_NAMES})=(?P<on>True|False)|"
