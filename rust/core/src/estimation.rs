@@ -16,8 +16,8 @@
 //! If nothing matches, the reduced images are tried once more with the negative of one. If that matches,
 //! everything above is repeated with the negative of the right image, which is then also matched. If an image
 //! is interlaced, or the raw mosaic of a color sensor, it is resolved ([`raster`]), and everything is
-//! repeated. For pairs in memory, a pattern that both images share is subtracted before anything else
-//! ([`shared_pattern`]).
+//! repeated. For pairs in memory, what both images share is subtracted before anything else
+//! ([`shared`], [`crosstalk`]).
 //!
 //! Everything is computed in a fixed order, and a pair that is read a few rows at a time gives bit-identical
 //! results.
@@ -25,9 +25,11 @@
 pub mod areas;
 pub mod blur;
 pub mod compensation_plan;
+pub mod crosstalk;
 pub mod estimates;
 pub mod extent;
 pub mod facts;
+pub mod fine_detail;
 pub mod means;
 pub mod order;
 pub mod overview;
@@ -37,7 +39,7 @@ pub mod range;
 pub mod raster;
 pub mod registration;
 pub mod rows;
-pub mod shared_pattern;
+pub mod shared;
 pub mod tracks;
 
 use std::borrow::Cow;
@@ -57,7 +59,7 @@ use self::photometry::{Contrast, Photometry, Scales};
 use self::range::{Copies, LeftOut, SearchRange};
 use self::raster::{Raster, resolved};
 use self::rows::RowOffsets;
-use self::shared_pattern::SameDetail;
+use self::shared::{Found, SameDetail, Shared, Subtrahend};
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::platform::Instant;
 use phasestereo_match::matcher::Execution;
@@ -93,16 +95,14 @@ struct Request<'a> {
 }
 
 /// Estimates the unknown properties of a pair that the settings ask for. Returns the pair that the estimates
-/// describe: inverted, with even rows only, or without a shared pattern, if the images require it.
+/// describe: inverted, or with even rows only, if the images require it.
 pub fn complete(
     pair: Pair,
     facts: &Facts,
     settings: &Settings,
     runtime: Runtime,
 ) -> Result<(Pair, Estimates)> {
-    let (pair, shared_pattern, same_detail) = without_shared_pattern(pair, facts, settings, runtime)?;
     let (pair, before) = completed(pair, facts, settings, runtime)?;
-    let before = Estimates { shared_pattern, same_detail, ..before };
     let Some(found) = before.photometry.filter(|_| may_resolve(&before, facts, settings)) else {
         return Ok((pair, before));
     };
@@ -113,28 +113,29 @@ pub fn complete(
 
     let (pair, after) = completed(resolved(&pair, rasters)?, facts, settings, runtime)?;
     let time = before.time + after.time;
-    Ok((pair, Estimates { shared_pattern, time, ..after.of_resolved(rasters, before.photometry) }))
+    Ok((pair, Estimates { time, ..after.of_resolved(rasters, before.photometry) }))
 }
 
-/// The pair without a pattern that both images share, and the strength of the pattern; and what was found.
-fn without_shared_pattern(
-    pair: Pair,
+/// The pair without what both images share, if that is known or found, and what was found.
+pub fn without_shared(
+    pair: &Pair,
     facts: &Facts,
     settings: &Settings,
     runtime: Runtime,
-) -> Result<(Pair, Option<f64>, SameDetail)> {
-    let same = if facts.has_shared_pattern {
-        SameDetail::Pattern
-    } else if may_share_pattern(facts, settings) {
-        shared_pattern::same_detail(&pair)
-    } else {
-        SameDetail::None
-    };
-    if same != SameDetail::Pattern {
-        return Ok((pair, None, same));
+) -> Result<(Option<Pair>, Found)> {
+    let mut found = Found::NOTHING;
+    if facts.shared.is_none() && may_share_pattern(facts, settings) {
+        found.same_detail = shared::same_detail(pair);
     }
-    let (clean, strength) = shared_pattern::removed(&pair, runtime)?;
-    Ok((clean, Some(strength), same))
+    let shared = facts.shared.or((found.same_detail == SameDetail::Pattern).then_some(Shared::Pattern));
+    let Some(shared) = shared else { return Ok((None, found)) };
+
+    let subtrahend = Subtrahend::new(pair, shared, runtime)?;
+    match shared {
+        Shared::Pattern => found.pattern = Some(subtrahend.strength()),
+        Shared::Crosstalk(share) => found.crosstalk = Some(share),
+    }
+    Ok((Some(subtrahend.removed(pair)?), found))
 }
 
 /// Whether a pattern that both images share is to be searched for: not in later frames, copies and resampled
@@ -382,8 +383,7 @@ impl Estimates {
             left_out: vec![],
             offsets: None,
             rows_apart: f64::INFINITY,
-            shared_pattern: None,
-            same_detail: SameDetail::None,
+            shared: Found::NOTHING,
             alignment: facts.aligned().cloned().flatten(),
             blur: None,
             photometry: None,

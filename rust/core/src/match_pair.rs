@@ -3,12 +3,13 @@
 //!
 //! ```text
 //! if disparities are known to be along columns:  turn the pair
+//! what both images share is subtracted, if it is known or found     # estimation::shared, crosstalk
 //! estimates = the unknown properties of the pair                   # crate::estimation
 //! if the images show disparities along columns: turn the pair, and start over  # rectification::axis
 //! if its rows are too far off to be aligned, and its images show the cameras:
 //!     pair, estimates = those of the rectified pair                # crate::rectification::raw_pair
 //! map = match(pair, prepared with its estimates)          # crate::scales, phasestereo_match::matcher
-//! if the map shows that both images share a pattern:  start over without it   # estimation::shared_pattern
+//! if the map shows that both images share something:  start over without it, and take the better map
 //! if the pair was rectified: map in the pixels of the raw left image;  if it was turned: turned back
 //! ```
 
@@ -16,8 +17,8 @@ use std::sync::Arc;
 
 use crate::estimation::facts::{Direction, Fact, Facts, INDEPENDENT, SUFFICIENT, evidence};
 use crate::estimation::raster::Raster;
-use crate::estimation::shared_pattern::{self, SameDetail};
-use crate::estimation::{Estimates, Prepared, complete, prepare};
+use crate::estimation::shared::{self, SameDetail, Shared};
+use crate::estimation::{Estimates, Prepared, complete, crosstalk, prepare, without_shared};
 use crate::findings;
 use crate::rectification::axis::Axis;
 use crate::rectification::raw_pair::{Attempt, rectify_if_needed};
@@ -42,27 +43,10 @@ pub fn match_pair(pair: Pair, facts: &Facts, settings: &Settings, runtime: Runti
 /// columns.
 pub fn match_as_turned(pair: Pair, facts: &Facts, settings: &Settings, runtime: Runtime) -> Result<Matched> {
     runtime.control.begin(settings.budget);
-    let mut ready = made_ready(pair, facts, settings, runtime)?;
-    let suspect = ready.suspect.take();
-    let first = ready.matched(settings, runtime)?;
-    // The images show the same fine detail at the same place: the match shows whether that is a pattern, which
-    // the estimates did not distinguish from the scene.
-    let Some(pair) = suspect else { return Ok(first) };
-    let is_certain = shared_pattern::shows_through(&pair, &first.map);
-    let time = first.prepared.estimates.time + first.map.timings.total();
-    let is_possible = is_certain || shared_pattern::is_at_zero(&first.map);
-    if !is_possible || !runtime.control.has_time_for(time) {
-        return Ok(first);
+    match ready_and_matched(pair, facts, settings, runtime)? {
+        (_, Some(matched)) => Ok(matched),
+        (ready, None) => ready.matched(settings, runtime),
     }
-
-    let facts = Facts { has_shared_pattern: true, ..facts.clone() };
-    // The progress of this match counts separately.
-    let control = &runtime.control.aside();
-    let runtime = Runtime { control, ..runtime };
-    let second = made_ready(pair, &facts, settings, runtime)?.matched(settings, runtime)?;
-    // Where little but disparity 0 was found, most of the map has to be elsewhere now.
-    let least = if is_certain { shared_pattern::elsewhere(&first.map) } else { 0.5 };
-    Ok(if shared_pattern::elsewhere(&second.map) > least { second } else { first })
 }
 
 /// The pair, turned so that its rows are searched if its disparities are known to be along columns. Given
@@ -119,12 +103,75 @@ impl Ready {
 
 /// Makes a pair ready for its match, given the known facts about it.
 pub fn made_ready(pair: Pair, facts: &Facts, settings: &Settings, runtime: Runtime) -> Result<Ready> {
+    // Its progress is separate from that of the map.
+    let control = &runtime.control.aside();
+    Ok(ready_and_matched(pair, facts, settings, Runtime { control, ..runtime })?.0)
+}
+
+/// A pair that is ready for its match. If its images show the same fine detail at the same place, also the
+/// match: it shows whether that is a scene, a pattern or crosstalk.
+///
+/// ```text
+/// first  = match(pair)                                # without a pattern that the estimates have found
+/// others = match(pair without a pattern), match(pair without crosstalk)
+/// result = the one that has found most disparities that are not 0; an other one, where little but disparity 0
+///          was found, only with most of its map there
+/// ```
+fn ready_and_matched(
+    pair: Pair,
+    facts: &Facts,
+    settings: &Settings,
+    runtime: Runtime,
+) -> Result<(Ready, Option<Matched>)> {
+    let mut ready = ready_by_estimates(pair, facts, settings, runtime)?;
+    let Some(pair) = ready.suspect.take() else { return Ok((ready, None)) };
+
+    let first = ready.clone().matched(settings, runtime)?;
+    let is_elsewhere = |y: usize, x: usize| shared::is_elsewhere_at(&first.map, y, x);
+    let is_pattern = ready.prepared.estimates.shared.pattern.is_some();
+    let is_certain = is_pattern || shared::shows_through(&pair, &first.map);
+    if !is_certain && !shared::is_at_zero(&first.map) {
+        return Ok((ready, Some(first)));
+    }
+
+    let share = crosstalk::share(&pair, |y, x| !is_certain || is_elsewhere(y, x));
+    let others = share.map(Shared::Crosstalk).into_iter().chain((!is_pattern).then_some(Shared::Pattern));
+    let time = first.prepared.estimates.time + first.map.timings.total();
+    let mut most = if is_certain { shared::elsewhere(&first.map) } else { 0.5 };
+    let mut best = (ready, Some(first));
+    for other in others {
+        if !runtime.control.has_time_for(time) {
+            break;
+        }
+        let facts = Facts { shared: Some(other), ..facts.clone() };
+        // Its progress is separate from that of the first match.
+        let control = &runtime.control.aside();
+        let runtime = Runtime { control, ..runtime };
+        let ready = ready_by_estimates(pair.clone(), &facts, settings, runtime)?;
+        let matched = ready.clone().matched(settings, runtime)?;
+        let elsewhere = shared::elsewhere(&matched.map);
+        if elsewhere > most {
+            most = elsewhere;
+            best = (ready, Some(matched));
+        }
+    }
+    Ok(best)
+}
+
+/// Makes a pair ready for its match by the known facts and the estimates.
+fn ready_by_estimates(pair: Pair, facts: &Facts, settings: &Settings, runtime: Runtime) -> Result<Ready> {
     let pair = turned(pair, facts)?;
+    let (clean, found) = without_shared(&pair, facts, settings, runtime)?;
+    let is_suspect = found.same_detail != SameDetail::None;
+    let (suspect, pair) = match clean {
+        Some(clean) => (Some(pair), clean),
+        None => (is_suspect.then(|| pair.clone()), pair),
+    };
     let (pair, estimates) = complete(pair, facts, settings, runtime)?;
+    let estimates = Estimates { shared: found, ..estimates };
     let rasters = estimates.rasters;
     let is_as_it_came = rasters == [Raster::Whole; 2] && !estimates.is_inverted;
-    let is_suspect = is_as_it_came && estimates.same_detail == SameDetail::Some && !estimates.is_one_image();
-    let suspect = is_suspect.then(|| pair.clone());
+    let suspect = suspect.filter(|_| is_suspect && is_as_it_came && !estimates.is_one_image());
     let attempt = rectify_if_needed(&pair, &estimates, facts, settings, runtime)?;
     if let Attempt::Refused(Refusal::Axis(axis)) = attempt
         && let Some(ready) = along_columns(&pair, &estimates, axis, facts, settings, runtime)?
@@ -141,7 +188,7 @@ pub fn made_ready(pair: Pair, facts: &Facts, settings: &Settings, runtime: Runti
         // Offsets that look like misaligned rows are disparities.
         estimates.alignment = None;
     }
-    estimates = findings::with_findings(estimates, &pair, settings);
+    estimates = findings::with_findings(Estimates { shared: found, ..estimates }, &pair, settings);
     let refused = refusal.and_then(|refusal| findings::not_rectified(&estimates, pair.is_turned(), &refusal));
     estimates.findings.extend(refused);
     estimates.findings.extend(raw.iter().map(|raw| findings::rectified(&raw.rectification)));
@@ -153,11 +200,7 @@ pub fn made_ready(pair: Pair, facts: &Facts, settings: &Settings, runtime: Runti
 /// The findings of a match's estimates, by topic. If the match of a small copy of the pair failed, the reason
 /// comes first: estimates alone do not show how well a pair matches.
 pub fn diagnosed(pair: Pair, facts: &Facts, settings: &Settings, runtime: Runtime) -> Result<Estimates> {
-    let Ready { mut prepared, suspect, .. } = made_ready(pair, facts, settings, runtime)?;
-    if let Some(pair) = suspect {
-        // Only the match shows whether its images share a pattern.
-        prepared = match_as_turned(pair, facts, settings, runtime)?.prepared;
-    }
+    let Ready { prepared, .. } = made_ready(pair, facts, settings, runtime)?;
     let (own, summary, size) = match_copy(&prepared, settings, runtime)?;
 
     let Prepared { pair, mut estimates, .. } = prepared;
@@ -179,7 +222,7 @@ fn along_columns(
     runtime: Runtime,
 ) -> Result<Option<Ready>> {
     // Lines or a pattern that were repaired along rows cannot be repaired along columns.
-    let is_as_it_came = before.rasters == [Raster::Whole; 2] && before.shared_pattern.is_none();
+    let is_as_it_came = before.rasters == [Raster::Whole; 2] && before.shared.shared().is_none();
     let fits = |all: Candidates| Candidates::new(all.numbers().0, all.numbers().1, pair.size().0).is_ok();
     let can_be = facts.axis.is_none() && facts.searched().is_none_or(fits);
     if !can_be || !axis.is_along_columns() || !is_as_it_came {
@@ -187,13 +230,14 @@ fn along_columns(
     }
 
     let facts = Facts { axis: Some(Fact::estimated(Direction::Columns)), ..facts.clone() };
-    let mut ready = made_ready(pair.clone(), &facts, settings, runtime)?;
+    let mut ready = ready_by_estimates(pair.clone(), &facts, settings, runtime)?;
     let estimates = &mut ready.prepared.estimates;
     if evidence(before.rows_apart, estimates.rows_apart, 0, INDEPENDENT) < SUFFICIENT {
         return Ok(None);
     }
     estimates.time += before.time;
     estimates.findings.push(findings::along_columns(axis));
+    ready.suspect = None;
     runtime.control.expect_rows(ready.prepared.pair.size().0);
     Ok(Some(ready))
 }

@@ -34,7 +34,7 @@ pub mod reduction;
 use std::iter;
 
 use crate::estimation::facts::{Fact, Facts, Rows};
-use crate::estimation::{Estimates, Prepared, complete, prepare, shared_pattern};
+use crate::estimation::{Estimates, Prepared, complete, prepare, shared};
 use crate::scales::choice::Doubt;
 use crate::scales::choices::UNSEEN;
 use crate::scales::ranges::panel_ranges;
@@ -67,8 +67,8 @@ pub fn match_over_scales(prepared: &Prepared, settings: &Settings, runtime: Runt
     } else {
         matcher.match_calibrated(pair, &Section::whole(pair), suited, execution, control)?
     };
-    if estimates.shared_pattern.is_some()
-        && let Some(rest) = shared_pattern::rest(&map)
+    if estimates.shared.shared().is_some()
+        && let Some(rest) = shared::rest(&map)
     {
         planes::doubt(&mut map, &rest);
     }

@@ -102,7 +102,7 @@ pub const CASES: &[Case] = &[
     case(Fault::Distorted, MIDDLE, Work::Match(Preset::Robust, None), 0x8553_AFD4_AC08_B69A),
     case(Fault::Interlaced, MIDDLE, Work::Match(Preset::Robust, None), 0x75A7_FF86_2C4A_EC23),
     case(Fault::Mosaic, MIDDLE, Work::Match(Preset::Robust, None), 0xE1B2_3BBB_F37A_F590),
-    case(Fault::Crosstalk, MIDDLE, Work::Match(Preset::Robust, None), 0x4543_D0E3_0095_6095),
+    case(Fault::Crosstalk, MIDDLE, Work::Match(Preset::Robust, None), 0x4CB8_D070_633C_6BA0),
     case(Fault::Vignetting, MIDDLE, Work::Match(Preset::Robust, None), 0xC5B3_DBE0_D57C_A818),
     case(Fault::Floats, MIDDLE, Work::Match(Preset::Robust, None), 0xF494_4F6F_FDDA_A109),
     case(Fault::Inverted, MIDDLE, Work::Match(Preset::Robust, None), 0xBD57_C078_5EEE_3440),
@@ -112,7 +112,7 @@ pub const CASES: &[Case] = &[
     case(Fault::Bordered, MIDDLE, Work::Match(Preset::Robust, None), 0x521E_6356_C762_E805),
     case(Fault::Pole, MIDDLE, Work::Match(Preset::Robust, None), 0xC91B_1266_C8D6_7B24),
     case(Fault::Fence, MIDDLE, Work::Match(Preset::Robust, None), 0x9082_E800_5B67_EA54),
-    case(Fault::Twice, MIDDLE, Work::Match(Preset::Robust, None), 0x3D1A_717E_2B51_A0DD),
+    case(Fault::Twice, MIDDLE, Work::Match(Preset::Robust, None), 0x8386_044E_D2E6_6C0D),
     // Ranges that are too small.
     case(Fault::Pole, MIDDLE, Work::Match(Preset::Robust, Some(24)), 0xD08E_1824_E090_2AF9),
     case(Fault::None, MIDDLE, Work::Match(Preset::Robust, Some(4)), 0xAE53_B2F0_1287_6A13),

@@ -12,7 +12,7 @@ use super::rows::RowOffsets;
 use crate::estimation::blur;
 use crate::estimation::photometry::Photometry;
 use crate::estimation::raster::Raster;
-use crate::estimation::shared_pattern::SameDetail;
+use crate::estimation::shared::Found;
 use crate::finding::Finding;
 use phasestereo_match::pair::alignment::Alignment;
 use phasestereo_match::pair::candidates::Candidates;
@@ -50,11 +50,8 @@ pub struct Estimates {
     /// The row differences that the best field of offsets leaves, reliable or not, pixels: infinite without
     /// one.
     pub rows_apart: f64,
-    /// The strength of a pattern that both images had at the same place, in units of the pixels;
-    /// `None`: there was none. Everything else is estimated without it.
-    pub shared_pattern: Option<f64>,
-    /// The fine detail that both images, as they came, show at the same place.
-    pub(crate) same_detail: SameDetail,
+    /// What both images showed at the same place, and was subtracted. Everything else is estimated without it.
+    pub shared: Found,
     /// The field by which the right image is straightened.
     pub alignment: Option<Alignment>,
     /// Noise and blur, if they were to be estimated.

@@ -9,6 +9,7 @@
 //! each, half the logarithm of the number of observations (Schwarz: *Estimating the dimension of a model*,
 //! Annals of Statistics 6, 1978).
 
+use super::shared::Shared;
 use phasestereo_match::base::math;
 use phasestereo_match::pair::alignment::Alignment;
 use phasestereo_match::pair::blur_compensation::BlurCompensation;
@@ -88,8 +89,8 @@ pub struct Facts {
     pub rows: Rows,
     /// Whether the images match once one of them is inverted.
     pub is_inverted: bool,
-    /// Whether both images have the same pattern at the same place ([`super::shared_pattern`]).
-    pub has_shared_pattern: bool,
+    /// What both images show at the same place; it is subtracted.
+    pub shared: Option<Shared>,
 }
 
 impl<T> Fact<T> {

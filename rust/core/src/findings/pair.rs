@@ -70,7 +70,7 @@ table! {
          disparities above {0} of the width",
         remedy("give such disparities by min_disparity and num_disparities"), cause(UNLIKE, 0.0);
     Match, Warning, known.ends_if(|range| range.identical),
-        "both images are the same, but for noise: there is nothing to match", cause(UNLIKE, 0.0);
+        "both images are the same, but for noise and light: there is nothing to match", cause(UNLIKE, 0.0);
     Swap, Note, known.ends_if(|range| !range.identical && range.negative && known.is_toed_in(range)),
         "nearly all disparities are negative ({0}), and rows differ as those of cameras that are toed in, with all of the \
          scene behind the point they look at",
@@ -125,10 +125,15 @@ table! {
     Noise, Levels([0.02, 0.05]), noise(known), NOISE, well(NOISE), remedy("more light, or less gain, would help"),
         cause("noise", 0.0);
     Noise, Note, shared_pattern(known),
-        "both images have the same pattern of {0} gray levels at the same place, as of one camera that was moved, dust, film \
-         grain, a reflection or crosstalk",
+        "both images have the same pattern of {0} gray levels at the same place, as of one camera that was moved, dust or film \
+         grain",
         remedy("it is subtracted for the match, but some of it stays; a dark frame or a flat field would remove a fixed one"),
         cause("a pattern that both images share", 0.0);
+    // A share of each image.
+    Noise, Note, known.estimates.shared.crosstalk.map_or(vec![], |share| value(share, [percent(share)])),
+        "each image has {0} of the other one in it, as by crosstalk or a reflection",
+        remedy("it is subtracted for the match; separate the views better"),
+        cause("views that shine through each other", 0.0);
     // The noise that would do the same harm, as a share of the range of gray levels.
     Coding, Levels([0.006, 0.03]), coding(known),
         "compression has left blocks in the {0} image, as harmful as noise of {1} gray levels",
@@ -553,7 +558,7 @@ fn noise(known: &Known) -> Vec<Measured> {
 }
 
 fn shared_pattern(known: &Known) -> Vec<Measured> {
-    known.estimates.shared_pattern.map_or(vec![], |strength| value(strength, [two_digits(strength)]))
+    known.estimates.shared.pattern.map_or(vec![], |strength| value(strength, [two_digits(strength)]))
 }
 
 fn coding(known: &Known) -> Vec<Measured> {

@@ -3,6 +3,7 @@
 use crate::estimation::overview::Seen;
 use crate::estimation::photometry::{Contrast, Photometry};
 use crate::estimation::raster::resolved;
+use crate::estimation::shared::Subtrahend;
 use crate::match_pair::Treatment;
 use crate::preparation::SMOOTHED_FROM;
 use crate::preparation::back::Back;
@@ -32,6 +33,8 @@ pub struct Channels<'a> {
     pub smoothing: [f64; 2],
     /// The blur classes of the pixels of each image; `None`: there is one.
     classes: [Option<Plane<u8>>; 2],
+    /// What both images share.
+    pub shared: Option<&'a Subtrahend>,
     /// The curve of the right image's gray levels.
     pub tone: Option<&'a Tone>,
 }
@@ -87,7 +90,7 @@ impl<'a> Channels<'a> {
             }
             None => [None, None],
         };
-        Ok(Self { ready, is_inverted, smoothing, classes, tone: None })
+        Ok(Self { ready, is_inverted, smoothing, classes, shared: None, tone: None })
     }
 
     /// The left (0) or right (1) image for other matchers.
@@ -118,6 +121,10 @@ impl<'a> Channels<'a> {
         if side == 1 && inputs[0].size() != view.size() {
             // Only the size of the left one counts.
             view = fitted(&view_of_input(inputs[0].channel(0))?, view)?.0;
+        }
+
+        if let Some(shared) = self.shared {
+            view = view_of_input(shared.subtracted(&view, side))?;
         }
 
         let Treatment { prepared, raw, rasters: before } = self.ready;

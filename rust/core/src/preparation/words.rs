@@ -25,6 +25,9 @@ impl WorkDone {
             let ((a, b), (c, d)) = (fit.from, fit.to);
             work.add(RIGHT, format!("the right image is resampled from {b} x {a} to {d} x {c} pixels"));
         }
+        if channels.shared.is_some() {
+            work.add([true; 2], "what both images show at the same place is subtracted".into());
+        }
         work.add_rasters(ready.rasters);
         if ready.raw.is_some() {
             work.add([true; 2], "both images are rectified by what they show".into());

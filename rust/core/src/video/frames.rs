@@ -28,8 +28,9 @@ use crate::estimation::facts::{Direction, Fact, Facts, Rows};
 use crate::estimation::range::{self, Asked};
 use crate::estimation::raster::{Raster, resolved};
 use crate::estimation::rows::RowOffsets;
+use crate::estimation::shared::Subtrahend;
 use crate::estimation::tracks::{AROUND, follow_here};
-use crate::estimation::{Estimates, Prepared, complete, prepare, shared_pattern};
+use crate::estimation::{Estimates, Prepared, complete, prepare};
 use crate::finding::{Finding, Severity};
 use crate::findings;
 use crate::match_pair::{Matched, match_as_turned, turned};
@@ -295,12 +296,12 @@ impl<'a> Followed<'a, '_> {
         self.finished(result, is_reused, filter, is_anew)
     }
 
-    /// The pair without the pattern that these images share, resolved.
+    /// The pair without what these images share, resolved.
     fn repaired(&self) -> Result<Cow<'a, Pair>> {
         let mut pair = Cow::Borrowed(self.pair);
         let appearance = self.rig.appearance.as_deref();
-        if appearance.is_some_and(|appearance| appearance.estimates.shared_pattern.is_some()) {
-            pair = Cow::Owned(shared_pattern::removed(&pair, self.runtime)?.0);
+        if let Some(shared) = appearance.and_then(|appearance| appearance.estimates.shared.shared()) {
+            pair = Cow::Owned(Subtrahend::new(&pair, shared, self.runtime)?.removed(&pair)?);
         }
         let rasters = self.rig.rasters();
         if rasters != [Raster::Whole; 2] {
@@ -429,7 +430,7 @@ impl<'a> Followed<'a, '_> {
                 // The pair was resolved before, and no longer shows it.
                 found = found.of_resolved(before.rasters, before.photometry);
             }
-            found.shared_pattern = before.shared_pattern;
+            found.shared = before.shared;
             found.confidence = before.confidence;
             found.range = before.range;
             found.left_out.clone_from(&before.left_out);

@@ -1,19 +1,12 @@
-//! The same pattern in both images, at the same place: the fixed pattern noise of one moved camera, dust, film
-//! grain, a mesh; a reflection, or the other view shining through (crosstalk).
+//! What both images show at the same place: a pattern, such as the fixed pattern noise of one moved camera, dust,
+//! film grain or a mesh; or each other, by crosstalk or a reflection ([`super::crosstalk`]).
 //!
-//! It matches at disparity 0, everywhere, better than faint texture does at its own. The signs of fine detail
-//! show what the images share at the same place:
-//!
-//! ```text
-//! fine     = g - (1 4 6 4 1)/16 x (1 4 6 4 1)/16 * g
-//! same(k)  = mean of sign(fine of left[y, x]) sign(fine of right[y, x - k])
-//! lead     = same(0) - max of same(-3), same(-2), same(2), same(3)
-//! ```
-//!
-//! So does a scene at disparity 0. Two signs distinguish them. In copies of a quarter, a pattern of pixels
+//! It matches at disparity 0, everywhere, better than faint texture does at its own. Fine detail shows it: it
+//! agrees better at the same place than beside it, by its lead ([`super::fine_detail`]). So does that of a scene
+//! at disparity 0. Two signs distinguish them. In copies of a quarter, a pattern of pixels
 //! averages out, but a scene does not: such a pattern is found before the match. And where a match has found
-//! other disparities, a scene is nowhere else: what leads there is a pattern, however coarse, and the pair is
-//! matched again without it.
+//! other disparities, a scene is nowhere else: what leads there is shared, and the pair is matched again without
+//! it.
 //!
 //! ```text
 //! before:  lead > LEAST_LEAD, and lead of copies of a quarter < QUARTER lead
@@ -29,15 +22,16 @@
 //! strength = rms of all that is subtracted
 //! ```
 //!
-//! What is left of it may still match at disparity 0 ([`rest`]).
+//! What is left may still match at disparity 0 ([`rest`]).
 
 use ndarray::Array3;
 use rayon::prelude::*;
 
+use super::crosstalk;
+use super::fine_detail::{kernel, lead, led, same, sampled, signs, surplus};
 use super::overview::LEAST_SIZE;
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::plane::Plane;
-use phasestereo_match::image::convolution::Kernel;
 use phasestereo_match::image::intensity::Gray;
 use phasestereo_match::image::pixels::{Image, Input};
 use phasestereo_match::image::view::View;
@@ -67,13 +61,6 @@ const SPACINGS: [usize; 3] = [1, 2, 4];
 const AT_ZERO: f32 = 1.0;
 /// Pixels: disparities beyond are not those of a pattern, nor of its mean with a scene. Not swept.
 const ELSEWHERE: f32 = 4.0;
-/// Disparities at which patterns are compared: first that of a pattern.
-const SHIFTS: [isize; 5] = [0, -3, -2, 2, 3];
-/// Enough pixels: by chance, their means deviate by 0.005.
-const ENOUGH: usize = 1 << 16;
-/// Weights along an axis; their sum is 16.
-const WEIGHTS: [i32; 5] = [1, 4, 6, 4, 1];
-const WHOLE: i32 = 256;
 
 /// The fine detail that both images show at the same place.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -84,6 +71,36 @@ pub enum SameDetail {
     Some,
     /// That of a pattern, which is finer than the scene.
     Pattern,
+}
+
+/// What both images of a pair share.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Shared {
+    /// A pattern.
+    Pattern,
+    /// This share of each other.
+    Crosstalk(f64),
+}
+
+/// What was found of that.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Found {
+    /// The fine detail that both images, as they came, show at the same place.
+    pub same_detail: SameDetail,
+    /// The strength of the pattern that was subtracted, in units of the pixels.
+    pub pattern: Option<f64>,
+    /// The share of each image in the other one, which was subtracted.
+    pub crosstalk: Option<f64>,
+}
+
+impl Found {
+    /// Nothing.
+    pub const NOTHING: Self = Self { same_detail: SameDetail::None, pattern: None, crosstalk: None };
+
+    /// What was subtracted.
+    pub fn shared(&self) -> Option<Shared> {
+        self.crosstalk.map(Shared::Crosstalk).or(self.pattern.map(|_| Shared::Pattern))
+    }
 }
 
 /// The fine detail that both images show at the same place.
@@ -106,7 +123,7 @@ pub fn same_detail(pair: &Pair) -> SameDetail {
 /// Whether the images of a match also show the same at the same place where it found another disparity. A
 /// texture that repeats itself does, too, but the left image then agrees with itself as well.
 pub fn shows_through(pair: &Pair, map: &Disparity) -> bool {
-    let is_elsewhere = |y: usize, x: usize| is_elsewhere(map.disparity.row(y)[x], map.flags.row(y)[x]);
+    let is_elsewhere = |y: usize, x: usize| is_elsewhere_at(map, y, x);
     let grays = pair.views().map(Gray::of_view);
     let (same, count) = same(grays.each_ref(), 1, is_elsewhere);
 
@@ -137,43 +154,95 @@ pub fn elsewhere(map: &Disparity) -> f64 {
     count.count() as f64 / disparities.len() as f64
 }
 
+/// Whether a pixel of a map is trusted, and where no pattern matches.
+pub fn is_elsewhere_at(map: &Disparity, y: usize, x: usize) -> bool {
+    is_elsewhere(map.disparity.row(y)[x], map.flags.row(y)[x])
+}
+
 fn is_elsewhere(disparity: f32, flags: u16) -> bool {
     is_trusted(disparity, flags) && disparity.abs() > ELSEWHERE
 }
 
-/// The pair without the pattern that both images share, and the strength of the pattern, in units of the
-/// pixels.
-pub fn removed(pair: &Pair, runtime: Runtime) -> Result<(Pair, f64)> {
-    let Runtime { execution, control, .. } = runtime;
-    let (rows, cols) = pair.size();
-    let units = pair.views().map(|view| view.scale().level());
+/// What is subtracted from both images.
+#[derive(Debug, Clone)]
+pub struct Subtrahend {
+    /// It, in gray levels of the left image.
+    levels: Plane<f64>,
+    /// One gray level of each image, in units of its pixels; with the opposite sign if it is added.
+    units: [f64; 2],
+}
 
-    let mut rest = pair.views().map(Gray::of_view);
-    let mut shared = Plane::<f64>::new(rows, cols)?;
-    for spacing in SPACINGS {
-        if lead(rest.each_ref(), spacing) <= LEAST_LEAD {
-            break;
+impl Subtrahend {
+    /// What both images share.
+    pub fn new(pair: &Pair, shared: Shared, runtime: Runtime) -> Result<Self> {
+        match shared {
+            Shared::Pattern => Self::of_pattern(pair, runtime),
+            Shared::Crosstalk(share) => {
+                let [left, right] = pair.views().map(|view| view.scale().level());
+                let levels = crosstalk::levels(pair, share, runtime.control)?;
+                Ok(Self { levels, units: [left, -right] })
+            }
         }
-        let kernel = kernel(spacing)?;
-        let smooth = |side: usize| rest[side].convolved(&kernel, execution.level, control);
-        let smooth = [smooth(0)?, smooth(1)?];
-
-        let level = |gray: &Gray, side: usize, y: usize, x: usize| {
-            f64::from(gray.row(y)[x]) / gray.steps(units[side])
-        };
-        let fine = |side, y, x| level(&rest[side], side, y, x) - level(&smooth[side], side, y, x);
-        shared = Plane::by_pixels((rows, cols), control, |y, x| {
-            shared.row(y)[x] + common(fine(0, y, x), fine(1, y, x))
-        })?;
-        rest = smooth;
     }
 
-    let inputs = [0, 1].map(|side| without(pair.views()[side], &shared, units[side]));
-    let (min, count) = pair.candidates().numbers();
-    let clean = Pair::of_inputs(inputs, min, count)?;
-    let squares: f64 = shared.as_slice().iter().map(|common| common * common).sum();
-    let strength = (squares / (rows * cols) as f64).sqrt();
-    Ok((pair.with_views(clean.views().map(View::clone)), strength * units[0]))
+    /// A pattern that both images show at the same place.
+    fn of_pattern(pair: &Pair, runtime: Runtime) -> Result<Self> {
+        let Runtime { execution, control, .. } = runtime;
+        let units = pair.views().map(|view| view.scale().level());
+
+        let mut rest = pair.views().map(Gray::of_view);
+        let mut levels = Plane::<f64>::new(pair.size().0, pair.size().1)?;
+        for spacing in SPACINGS {
+            if lead(rest.each_ref(), spacing) <= LEAST_LEAD {
+                break;
+            }
+            let kernel = kernel(spacing)?;
+            let smooth = |side: usize| rest[side].convolved(&kernel, execution.level, control);
+            let smooth = [smooth(0)?, smooth(1)?];
+
+            let level = |gray: &Gray, side: usize, y: usize, x: usize| {
+                f64::from(gray.row(y)[x]) / gray.steps(units[side])
+            };
+            let fine = |side, y, x| level(&rest[side], side, y, x) - level(&smooth[side], side, y, x);
+            levels = Plane::by_pixels(pair.size(), control, |y, x| {
+                levels.row(y)[x] + common(fine(0, y, x), fine(1, y, x))
+            })?;
+            rest = smooth;
+        }
+        Ok(Self { levels, units })
+    }
+
+    /// Its standard deviation, in units of the pixels of the left image.
+    pub fn strength(&self) -> f64 {
+        let levels = self.levels.as_slice();
+        let squares: f64 = levels.iter().map(|level| level * level).sum();
+        (squares / levels.len() as f64).sqrt() * self.units[0]
+    }
+
+    /// The pair without it.
+    pub fn removed(&self, pair: &Pair) -> Result<Pair> {
+        let inputs = [0, 1].map(|side| self.subtracted(pair.views()[side], side));
+        let (min, count) = pair.candidates().numbers();
+        let clean = Pair::of_inputs(inputs, min, count)?;
+        Ok(pair.with_views(clean.views().map(View::clone)))
+    }
+
+    /// The left (0) or right (1) image, or a channel of it, minus this, in finer steps.
+    pub fn subtracted(&self, view: &View, side: usize) -> Input {
+        let (scale, (rows, cols)) = (view.scale(), view.size());
+        let level = scale.steps(self.units[side]);
+        let gray = |y: usize, x: usize| f64::from(view.gray().row(y)[x]) - self.levels.row(y)[x] * level;
+        let [least, largest] = scale.ends().map(f64::from);
+
+        let (image, unit) = if scale.step().is_some() {
+            let step = (largest - least) / f64::from(u16::MAX);
+            let pixel = |(y, x, _)| ((gray(y, x) - least) / step).round() as u16;
+            (Image::U16(Array3::from_shape_fn((rows, cols, 1), pixel)), step / scale.steps(1.0))
+        } else {
+            (Image::F64(Array3::from_shape_fn((rows, cols, 1), |(y, x, _)| scale.pixel(gray(y, x)))), 1.0)
+        };
+        Input { image, mask: view.mask().cloned(), unit }
+    }
 }
 
 /// Where the map of a pair without its pattern probably matches the rest of it: at disparity 0, if more than
@@ -185,15 +254,6 @@ pub fn rest(map: &Disparity) -> Option<Plane<bool>> {
     };
     let beside = count(-2.0 * AT_ZERO).max(count(2.0 * AT_ZERO));
     (count(0.0) > 2 * beside).then(|| map.disparity.map(|disparity| disparity.abs() <= AT_ZERO))
-}
-
-/// The kernel of WEIGHTS along both axes, this many pixels apart.
-fn kernel(spacing: usize) -> Result<Kernel> {
-    let mut taps = vec![0.0; (WEIGHTS.len() - 1) * spacing + 1];
-    for (k, weight) in WEIGHTS.into_iter().enumerate() {
-        taps[k * spacing] = f64::from(weight) / 16.0;
-    }
-    Kernel::separable(&taps, &taps)
 }
 
 /// The sums of squares of pixels.
@@ -208,90 +268,9 @@ fn quarter(gray: &Gray) -> Gray<'static> {
     Gray::within((gray.reach() >> surplus) * (COPY * COPY) as u32, sums)
 }
 
-/// How many of the lowest bits of gray values are dropped so that sums over windows fit.
-fn surplus(gray: &Gray) -> u32 {
-    (u32::BITS - gray.reach().leading_zeros()).saturating_sub(22)
-}
-
-/// The rows that are examined.
-fn sampled((rows, cols): (usize, usize), spacing: usize) -> Vec<usize> {
-    let every = (rows * cols / ENOUGH).max(1);
-    (2 * spacing..rows.saturating_sub(2 * spacing)).step_by(every).collect()
-}
-
-/// How well the signs of some pixels agree at each of SHIFTS, and the number of these pixels; in large images,
-/// of some rows. `spacing`: that of the kernel.
-fn same(grays: [&Gray; 2], spacing: usize, is_one: impl Fn(usize, usize) -> bool + Sync) -> ([f64; 5], i64) {
-    let agreeing = |y: usize| {
-        let [mut left, right] = grays.map(|gray| signs(gray, spacing, y));
-        let mut count = 0;
-        for (x, sign) in left.iter_mut().enumerate() {
-            let is_one = is_one(y, x);
-            count += i64::from(is_one);
-            *sign *= i32::from(is_one);
-        }
-        let sums = SHIFTS.map(|shift| {
-            let by = |shift: isize| shift.max(0) as usize * spacing;
-            let places = left[by(shift)..].iter().zip(&right[by(-shift)..]);
-            places.map(|(a, b)| i64::from(a * b)).sum::<i64>()
-        });
-        (sums, count)
-    };
-    let none = || ([0; 5], 0);
-    let add =
-        |(a, m): ([i64; 5], i64), (b, n): ([i64; 5], i64)| ([0, 1, 2, 3, 4].map(|k| a[k] + b[k]), m + n);
-    let (sums, count) = sampled(grays[0].size(), spacing).into_par_iter().map(agreeing).reduce(none, add);
-    (sums.map(|sum| sum as f64 / count.max(1) as f64), count)
-}
-
-/// By how much signs agree better at the same place than beside it.
-fn led([here, beside @ ..]: [f64; 5]) -> f64 {
-    here - beside.into_iter().fold(f64::NEG_INFINITY, f64::max)
-}
-
-/// The lead of all pixels.
-fn lead(grays: [&Gray; 2], spacing: usize) -> f64 {
-    led(same(grays, spacing, |_, _| true).0)
-}
-
-/// The signs of the fine detail of a row.
-fn signs(gray: &Gray, spacing: usize, y: usize) -> Vec<i32> {
-    let (cols, surplus, reach) = (gray.size().1, surplus(gray), 2 * spacing);
-    let mut sums = vec![0; cols];
-    for (row, weight) in (y - reach..=y + reach).step_by(spacing).zip(WEIGHTS) {
-        let grays = sums.iter_mut().zip(gray.row(row));
-        grays.for_each(|(sum, gray)| *sum += weight * (gray >> surplus));
-    }
-    let mut signs = vec![0; cols];
-    let inner = signs[reach..].iter_mut().zip(&gray.row(y)[reach..]).zip(sums.windows(2 * reach + 1));
-    for ((sign, gray), sums) in inner {
-        let smooth: i32 = WEIGHTS.iter().enumerate().map(|(k, weight)| sums[k * spacing] * weight).sum();
-        *sign = (WHOLE * (gray >> surplus) - smooth).signum();
-    }
-    signs
-}
-
 /// The common part of two fine values.
 fn common(a: f64, b: f64) -> f64 {
     if a * b > 0.0 { a.signum() * a.abs().min(b.abs()) } else { 0.0 }
-}
-
-/// An image without this part of its gray levels, which have this size, in finer steps.
-fn without(view: &View, common: &Plane<f64>, unit: f64) -> Input {
-    let (scale, cols) = (view.scale(), view.size().1);
-    let level = scale.steps(unit);
-    let gray = |y: usize, x: usize| f64::from(view.gray().row(y)[x]) - common.row(y)[x] * level;
-    let size = (view.size().0, cols, 1);
-    let [least, largest] = scale.ends().map(f64::from);
-
-    let (image, unit) = if scale.step().is_some() {
-        let step = (largest - least) / f64::from(u16::MAX);
-        let pixel = |(y, x, _)| ((gray(y, x) - least) / step).round() as u16;
-        (Image::U16(Array3::from_shape_fn(size, pixel)), step / scale.steps(1.0))
-    } else {
-        (Image::F64(Array3::from_shape_fn(size, |(y, x, _)| scale.pixel(gray(y, x)))), 1.0)
-    };
-    Input { image, mask: view.mask().cloned(), unit }
 }
 
 #[cfg(test)]
@@ -340,8 +319,10 @@ mod tests {
         for strength in [4.0, 8.0, 16.0] {
             let before = with(Fault::None, white(strength));
             assert_eq!(same_detail(&before), SameDetail::Pattern);
-            let (after, found) =
-                on_a_thread(Level::best(), |runtime| removed(&before, runtime)).expect("memory");
+            let found =
+                on_a_thread(Level::best(), |runtime| Subtrahend::new(&before, Shared::Pattern, runtime));
+            let found = found.expect("memory");
+            let (after, found) = (found.removed(&before).expect("memory"), found.strength());
             assert!((found / strength - 1.0).abs() < 0.35, "{found} of {strength}");
             assert!(lead_of(&after) < 0.35 * lead_of(&before), "{} {}", lead_of(&after), lead_of(&before));
             assert_eq!(after.candidates(), before.candidates());
