@@ -3,10 +3,9 @@
 //!
 //! It matches at disparity 0, everywhere, better than faint texture does at its own. Fine detail shows it: it
 //! agrees better at the same place than beside it, by its lead ([`super::fine_detail`]). So does that of a scene
-//! at disparity 0. Two signs distinguish them. In copies of a quarter, a pattern of pixels
-//! averages out, but a scene does not: such a pattern is found before the match. And where a match has found
-//! other disparities, a scene is nowhere else: what leads there is shared, and the pair is matched again without
-//! it.
+//! at disparity 0, but in copies of a quarter, a pattern of pixels averages out, and a scene does not: such a
+//! pattern is found before the match. And where a match has found other disparities, a scene is nowhere else:
+//! what leads there is shared, and the pair is matched again without it.
 //!
 //! ```text
 //! before:  lead > LEAST_LEAD, and lead of copies of a quarter < QUARTER lead
@@ -53,9 +52,9 @@ const ERRORS: f64 = 3.0;
 const QUARTER: f64 = 0.5;
 /// Side of the squares that become one pixel of a copy.
 const COPY: usize = 4;
-/// Pixels between the taps of the kernel, band after band. Of 10 scenes with white noise of 8 gray levels,
-/// smooth noise of 8, and crosstalk of .2, 31, 45 and 24 % of the pixels are wrong with two bands, 29, 37 and
-/// 21 % with three, 29, 36 and 22 % with four.
+/// Pixels between the taps of the kernel, band after band. Of 10 scenes with white and with smooth noise of 8
+/// gray levels, 31 and 45 % of the pixels are wrong with two bands, 29 and 37 % with three, 29 and 36 % with
+/// four.
 const SPACINGS: [usize; 3] = [1, 2, 4];
 /// Pixels: the matches of a pattern are at most this far from disparity 0, by the tolerance of errors.
 const AT_ZERO: f32 = 1.0;
