@@ -100,10 +100,14 @@ fn fine(gray: &Gray, spacing: usize, y: usize) -> Vec<i32> {
         grays.for_each(|(sum, gray)| *sum += weight * (gray >> surplus));
     }
     let mut fine = vec![0; cols];
-    let inner = fine[reach..].iter_mut().zip(&gray.row(y)[reach..]).zip(sums.windows(2 * reach + 1));
-    for ((fine, gray), sums) in inner {
-        let smooth: i32 = WEIGHTS.iter().enumerate().map(|(k, weight)| sums[k * spacing] * weight).sum();
-        *fine = WHOLE * (gray >> surplus) - smooth;
+    let inner = &mut fine[reach..cols - reach];
+    for (fine, gray) in inner.iter_mut().zip(&gray.row(y)[reach..]) {
+        *fine = WHOLE * (gray >> surplus);
+    }
+    // Tap after tap, which is vectorized for any spacing.
+    for (k, weight) in WEIGHTS.into_iter().enumerate() {
+        let sums = inner.iter_mut().zip(&sums[k * spacing..]);
+        sums.for_each(|(fine, sum)| *fine -= weight * sum);
     }
     fine
 }
