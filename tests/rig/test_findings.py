@@ -180,7 +180,7 @@ def test_crosstalk_is_found_by_the_match_and_subtracted(data: Path, mixed: float
         return float((np.abs(disparity - pair.truth) > 1)[pair.masks["nonocc"]].mean())
 
     found = ps.match(*spoiled)
-    expected = f"each image has {100 * mixed:.0f} % of the other one in it"
+    expected = f"each image contains {100 * mixed:.0f} % of the other one"
     for findings in (found.findings, ps.check(*spoiled).findings):
         assert any(one.sentence.startswith(expected) for one in findings)
     assert wrong(found.disparity) < 0.06
@@ -191,7 +191,7 @@ def test_crosstalk_is_found_by_the_match_and_subtracted(data: Path, mixed: float
     assert wrong(np.roll(later.disparity, -1, axis=0)) < 0.06
 
     prepared = ps.prepare(*spoiled)
-    assert prepared.done == ("what both images show at the same place is subtracted",)
+    assert prepared.done == (f"crosstalk of {100 * mixed:.0f} % is subtracted",)
     for made, clean, given in zip(
         (prepared.left, prepared.right), (left, right), spoiled, strict=True
     ):

@@ -16,8 +16,8 @@
 //! If nothing matches, the reduced images are tried once more with the negative of one. If that matches,
 //! everything above is repeated with the negative of the right image, which is then also matched. If an image
 //! is interlaced, or the raw mosaic of a color sensor, it is resolved ([`raster`]), and everything is
-//! repeated. For pairs in memory, what both images share is subtracted before anything else
-//! ([`shared`], [`crosstalk`]).
+//! repeated. For pairs in memory, what both images share is subtracted before all this ([`shared`],
+//! [`crosstalk`]).
 //!
 //! Everything is computed in a fixed order, and a pair that is read a few rows at a time gives bit-identical
 //! results.
@@ -53,13 +53,13 @@ use self::blur::parts::PairRows;
 use self::blur::rough::{self, RoughMatch};
 use self::compensation_plan::CompensationPlan;
 pub use self::estimates::Estimates;
-use self::facts::{Fact, Facts, Origin, Rows};
+use self::facts::{Fact, Facts, Rows};
 use self::overview::{Overview, RoughMap, Seen};
 use self::photometry::{Contrast, Photometry, Scales};
 use self::range::{Copies, LeftOut, SearchRange};
 use self::raster::{Raster, resolved};
 use self::rows::RowOffsets;
-use self::shared::{Found, SameDetail, Shared, Subtrahend};
+use self::shared::{SameDetail, Shared, SharedPart};
 use phasestereo_match::base::error::Result;
 use phasestereo_match::base::platform::Instant;
 use phasestereo_match::matcher::Execution;
@@ -116,33 +116,26 @@ pub fn complete(
     Ok((pair, Estimates { time, ..after.of_resolved(rasters, before.photometry) }))
 }
 
-/// The pair without what both images share, if that is known or found, and what was found.
-pub fn without_shared(
-    pair: &Pair,
-    facts: &Facts,
-    settings: &Settings,
-    runtime: Runtime,
-) -> Result<(Option<Pair>, Found)> {
-    let mut found = Found::NOTHING;
-    if facts.shared.is_none() && may_share_pattern(facts, settings) {
-        found.same_detail = shared::same_detail(pair);
-    }
-    let shared = facts.shared.or((found.same_detail == SameDetail::Pattern).then_some(Shared::Pattern));
-    let Some(shared) = shared else { return Ok((None, found)) };
-
-    let subtrahend = Subtrahend::new(pair, shared, runtime)?;
-    match shared {
-        Shared::Pattern => found.pattern = Some(subtrahend.strength()),
-        Shared::Crosstalk(share) => found.crosstalk = Some(share),
-    }
-    Ok((Some(subtrahend.removed(pair)?), found))
+/// What both images of a pair share, as far as is known before the match.
+#[derive(Debug)]
+pub struct Examined {
+    /// The fine detail that they show at the same place, if it was to be found.
+    pub same: SameDetail,
+    /// What is subtracted from them, and its standard deviation in units of the pixels.
+    pub shared: Option<(Shared, f64)>,
+    /// The pair without it.
+    pub clean: Option<Pair>,
 }
 
-/// Whether a pattern that both images share is to be searched for: not in later frames, copies and resampled
-/// images, since the pair they come from has already been examined.
-fn may_share_pattern(facts: &Facts, settings: &Settings) -> bool {
-    let is_known = facts.candidates.as_ref().is_some_and(|known| known.origin != Origin::Given);
-    !is_known && !facts.is_of_these_pixels() && !Request::new(facts, settings).is_empty()
+/// Examines what both images share, and subtracts it if it is known or certain.
+pub fn without_shared(pair: &Pair, facts: &Facts, settings: &Settings, runtime: Runtime) -> Result<Examined> {
+    let is_asked = !facts.is_of_these_pixels() && !Request::new(facts, settings).is_empty();
+    let same = if facts.shared.is_none() && is_asked { shared::same_detail(pair) } else { SameDetail::None };
+    let shared = facts.shared.or((same == SameDetail::Pattern).then_some(Shared::Pattern));
+    let Some(shared) = shared else { return Ok(Examined { same, shared: None, clean: None }) };
+
+    let part = SharedPart::new(pair, shared, runtime)?;
+    Ok(Examined { same, shared: Some((shared, part.strength())), clean: Some(part.removed(pair)?) })
 }
 
 /// [`complete`] for a pair without interlaced images.
@@ -383,7 +376,7 @@ impl Estimates {
             left_out: vec![],
             offsets: None,
             rows_apart: f64::INFINITY,
-            shared: Found::NOTHING,
+            shared: None,
             alignment: facts.aligned().cloned().flatten(),
             blur: None,
             photometry: None,

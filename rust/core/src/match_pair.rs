@@ -18,7 +18,7 @@ use std::sync::Arc;
 use crate::estimation::facts::{Direction, Fact, Facts, INDEPENDENT, SUFFICIENT, evidence};
 use crate::estimation::raster::Raster;
 use crate::estimation::shared::{self, SameDetail, Shared};
-use crate::estimation::{Estimates, Prepared, complete, crosstalk, prepare, without_shared};
+use crate::estimation::{Estimates, Examined, Prepared, complete, crosstalk, prepare, without_shared};
 use crate::findings;
 use crate::rectification::axis::Axis;
 use crate::rectification::raw_pair::{Attempt, rectify_if_needed};
@@ -113,9 +113,9 @@ pub fn made_ready(pair: Pair, facts: &Facts, settings: &Settings, runtime: Runti
 ///
 /// ```text
 /// first  = match(pair)                                # without a pattern that the estimates have found
-/// others = match(pair without a pattern), match(pair without crosstalk)
-/// result = the one that has found most disparities that are not 0; an other one, where little but disparity 0
-///          was found, only with most of its map there
+/// others = match(pair without crosstalk), match(pair without a pattern)
+/// result = the one with the largest share of trusted disparities away from 0; if the first one is mostly at 0,
+///          another one only with more than half of its pixels there
 /// ```
 fn ready_and_matched(
     pair: Pair,
@@ -128,7 +128,7 @@ fn ready_and_matched(
 
     let first = ready.clone().matched(settings, runtime)?;
     let is_elsewhere = |y: usize, x: usize| shared::is_elsewhere_at(&first.map, y, x);
-    let is_pattern = ready.prepared.estimates.shared.pattern.is_some();
+    let is_pattern = ready.prepared.estimates.shared.is_some();
     let is_certain = is_pattern || shared::shows_through(&pair, &first.map);
     if !is_certain && !shared::is_at_zero(&first.map) {
         return Ok((ready, Some(first)));
@@ -161,14 +161,14 @@ fn ready_and_matched(
 /// Makes a pair ready for its match by the known facts and the estimates.
 fn ready_by_estimates(pair: Pair, facts: &Facts, settings: &Settings, runtime: Runtime) -> Result<Ready> {
     let pair = turned(pair, facts)?;
-    let (clean, found) = without_shared(&pair, facts, settings, runtime)?;
-    let is_suspect = found.same_detail != SameDetail::None;
+    let Examined { same, shared, clean } = without_shared(&pair, facts, settings, runtime)?;
+    let is_suspect = same != SameDetail::None;
     let (suspect, pair) = match clean {
         Some(clean) => (Some(pair), clean),
         None => (is_suspect.then(|| pair.clone()), pair),
     };
     let (pair, estimates) = complete(pair, facts, settings, runtime)?;
-    let estimates = Estimates { shared: found, ..estimates };
+    let estimates = Estimates { shared, ..estimates };
     let rasters = estimates.rasters;
     let is_as_it_came = rasters == [Raster::Whole; 2] && !estimates.is_inverted;
     let suspect = suspect.filter(|_| is_suspect && is_as_it_came && !estimates.is_one_image());
@@ -181,14 +181,17 @@ fn ready_by_estimates(pair: Pair, facts: &Facts, settings: &Settings, runtime: R
     let (pair, mut estimates, facts, raw, refusal) = match attempt {
         Attempt::None => (pair, estimates, facts.clone(), None, None),
         Attempt::Refused(refusal) => (pair, estimates, facts.clone(), None, Some(refusal)),
-        Attempt::Done(done) => (done.pair, done.estimates, done.facts, Some(done.raw), None),
+        Attempt::Done(done) => {
+            let estimates = Estimates { shared, ..done.estimates };
+            (done.pair, estimates, done.facts, Some(done.raw), None)
+        }
     };
 
     if let Some(Refusal::Axis(_)) = refusal {
         // Offsets that look like misaligned rows are disparities.
         estimates.alignment = None;
     }
-    estimates = findings::with_findings(Estimates { shared: found, ..estimates }, &pair, settings);
+    estimates = findings::with_findings(estimates, &pair, settings);
     let refused = refusal.and_then(|refusal| findings::not_rectified(&estimates, pair.is_turned(), &refusal));
     estimates.findings.extend(refused);
     estimates.findings.extend(raw.iter().map(|raw| findings::rectified(&raw.rectification)));
@@ -222,7 +225,7 @@ fn along_columns(
     runtime: Runtime,
 ) -> Result<Option<Ready>> {
     // Lines or a pattern that were repaired along rows cannot be repaired along columns.
-    let is_as_it_came = before.rasters == [Raster::Whole; 2] && before.shared.shared().is_none();
+    let is_as_it_came = before.rasters == [Raster::Whole; 2] && before.shared.is_none();
     let fits = |all: Candidates| Candidates::new(all.numbers().0, all.numbers().1, pair.size().0).is_ok();
     let can_be = facts.axis.is_none() && facts.searched().is_none_or(fits);
     if !can_be || !axis.is_along_columns() || !is_as_it_came {

@@ -22,7 +22,7 @@ mod words;
 
 use crate::estimation::estimates::Estimates;
 use crate::estimation::facts::{Facts, Origin};
-use crate::estimation::shared::Subtrahend;
+use crate::estimation::shared::SharedPart;
 use crate::estimation::takes_negative;
 use crate::match_pair::{Ready, Treatment, made_ready};
 use crate::preparation::back::Back;
@@ -101,9 +101,9 @@ pub fn prepared_as(
     let mut channels = Channels::new(ready, is_inverted, runtime)?;
     let tone = tone(&ready.prepared.estimates);
     channels.tone = tone.as_ref();
-    let shared = |shared| Subtrahend::new(&Pair::of_any(inputs.clone(), 0, 1)?, shared, runtime);
-    let shared = ready.prepared.estimates.shared.shared().map(shared).transpose()?;
-    channels.shared = shared.as_ref();
+    let part = |(shared, _)| SharedPart::new(&Pair::of_any(inputs.clone(), 0, 1)?, shared, runtime);
+    let part = ready.prepared.estimates.shared.map(part).transpose()?;
+    channels.shared = part.as_ref();
 
     let is_converted = !is_same_type(&inputs[0], &inputs[1]);
     let work = words::WorkDone::new(ready, &channels, &back, is_converted);

@@ -67,7 +67,7 @@ pub fn match_over_scales(prepared: &Prepared, settings: &Settings, runtime: Runt
     } else {
         matcher.match_calibrated(pair, &Section::whole(pair), suited, execution, control)?
     };
-    if estimates.shared.shared().is_some()
+    if estimates.shared.is_some()
         && let Some(rest) = shared::rest(&map)
     {
         planes::doubt(&mut map, &rest);

@@ -102,7 +102,7 @@ pub const CASES: &[Case] = &[
     case(Fault::Distorted, MIDDLE, Work::Match(Preset::Robust, None), 0x8553_AFD4_AC08_B69A),
     case(Fault::Interlaced, MIDDLE, Work::Match(Preset::Robust, None), 0x75A7_FF86_2C4A_EC23),
     case(Fault::Mosaic, MIDDLE, Work::Match(Preset::Robust, None), 0xE1B2_3BBB_F37A_F590),
-    case(Fault::Crosstalk, MIDDLE, Work::Match(Preset::Robust, None), 0x4CB8_D070_633C_6BA0),
+    case(Fault::Crosstalk, MIDDLE, Work::Match(Preset::Robust, None), 0xFFEC_E617_4575_BF90),
     case(Fault::Vignetting, MIDDLE, Work::Match(Preset::Robust, None), 0xC5B3_DBE0_D57C_A818),
     case(Fault::Floats, MIDDLE, Work::Match(Preset::Robust, None), 0xF494_4F6F_FDDA_A109),
     case(Fault::Inverted, MIDDLE, Work::Match(Preset::Robust, None), 0xBD57_C078_5EEE_3440),

@@ -1,4 +1,4 @@
-//! Crosstalk: each image has a share of the other one in it, as behind a half-silvered mirror, or of frames that
+//! Crosstalk: each image contains a share of the other one, as behind a half-silvered mirror, or in frames that
 //! take turns.
 //!
 //! ```text

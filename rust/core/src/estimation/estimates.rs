@@ -12,7 +12,7 @@ use super::rows::RowOffsets;
 use crate::estimation::blur;
 use crate::estimation::photometry::Photometry;
 use crate::estimation::raster::Raster;
-use crate::estimation::shared::Found;
+use crate::estimation::shared::Shared;
 use crate::finding::Finding;
 use phasestereo_match::pair::alignment::Alignment;
 use phasestereo_match::pair::candidates::Candidates;
@@ -50,8 +50,9 @@ pub struct Estimates {
     /// The row differences that the best field of offsets leaves, reliable or not, pixels: infinite without
     /// one.
     pub rows_apart: f64,
-    /// What both images showed at the same place, and was subtracted. Everything else is estimated without it.
-    pub shared: Found,
+    /// What both images shared, and the standard deviation of it, in units of the pixels. It is subtracted:
+    /// everything else is estimated without it.
+    pub shared: Option<(Shared, f64)>,
     /// The field by which the right image is straightened.
     pub alignment: Option<Alignment>,
     /// Noise and blur, if they were to be estimated.

@@ -562,13 +562,13 @@ impl LeftOut {
 /// Whether both images are the same up to noise and light: nowhere do they differ as if one were shifted.
 ///
 /// ```text
-/// curve  = the polynomial of third degree with the least squares of curve(left) - right
+/// curve  = the cubic polynomial with the least sum of squares of curve(left) - right
 /// shifts = in each of some tiles, the coefficients of curve(left) - right
 ///          on the slopes of curve(left) along both axes
 /// ```
 pub fn is_identical(copies: &Overview) -> bool {
     let [left, right] = &copies.planes;
-    let left = &in_the_light_of(left, right);
+    let left = &with_tone_of(left, right);
     let (rows, cols) = left.size();
     let tile = |at: usize, length: usize| at * (length - 2) / TILES + 1..(at + 1) * (length - 2) / TILES + 1;
 
@@ -594,8 +594,8 @@ pub fn is_identical(copies: &Overview) -> bool {
     })
 }
 
-/// The gray values of an image, on the curve of those of another image at the same place.
-fn in_the_light_of(image: &Plane<f32>, other: &Plane<f32>) -> Plane<f32> {
+/// The gray values of an image, mapped by the cubic curve that fits those of another image at the same place.
+fn with_tone_of(image: &Plane<f32>, other: &Plane<f32>) -> Plane<f32> {
     let most = image.as_slice().iter().fold(f32::MIN_POSITIVE, |most, gray| most.max(gray.abs()));
     let terms = |gray: f32| {
         let t = f64::from(gray / most);

@@ -45,7 +45,7 @@ use phasestereo_match::refinement::filling::is_trusted;
 /// 21 scenes, sharp, with noise of 5 and 20, and shifted so that much is at disparity 0; 0.065 or more with
 /// crosstalk of 5 %.
 const LEAST_LEAD: f64 = 0.04;
-/// Standard errors of a mean of signs by which the lead after the match is larger.
+/// Standard errors of a mean of signs by which the lead after the match is larger: 1 in 740 by chance.
 const ERRORS: f64 = 3.0;
 /// The lead of copies stays below this share: 0.24 with white patterns; where much of the scene is at
 /// disparity 0, 1.4 and more.
@@ -79,27 +79,6 @@ pub enum Shared {
     Pattern,
     /// This share of each other.
     Crosstalk(f64),
-}
-
-/// What was found of that.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Found {
-    /// The fine detail that both images, as they came, show at the same place.
-    pub same_detail: SameDetail,
-    /// The strength of the pattern that was subtracted, in units of the pixels.
-    pub pattern: Option<f64>,
-    /// The share of each image in the other one, which was subtracted.
-    pub crosstalk: Option<f64>,
-}
-
-impl Found {
-    /// Nothing.
-    pub const NOTHING: Self = Self { same_detail: SameDetail::None, pattern: None, crosstalk: None };
-
-    /// What was subtracted.
-    pub fn shared(&self) -> Option<Shared> {
-        self.crosstalk.map(Shared::Crosstalk).or(self.pattern.map(|_| Shared::Pattern))
-    }
 }
 
 /// The fine detail that both images show at the same place.
@@ -162,16 +141,16 @@ fn is_elsewhere(disparity: f32, flags: u16) -> bool {
     is_trusted(disparity, flags) && disparity.abs() > ELSEWHERE
 }
 
-/// What is subtracted from both images.
+/// The part of both images that they share.
 #[derive(Debug, Clone)]
-pub struct Subtrahend {
+pub struct SharedPart {
     /// It, in gray levels of the left image.
     levels: Plane<f64>,
     /// One gray level of each image, in units of its pixels; with the opposite sign if it is added.
     units: [f64; 2],
 }
 
-impl Subtrahend {
+impl SharedPart {
     /// What both images share.
     pub fn new(pair: &Pair, shared: Shared, runtime: Runtime) -> Result<Self> {
         match shared {
@@ -319,7 +298,7 @@ mod tests {
             let before = with(Fault::None, white(strength));
             assert_eq!(same_detail(&before), SameDetail::Pattern);
             let found =
-                on_a_thread(Level::best(), |runtime| Subtrahend::new(&before, Shared::Pattern, runtime));
+                on_a_thread(Level::best(), |runtime| SharedPart::new(&before, Shared::Pattern, runtime));
             let found = found.expect("memory");
             let (after, found) = (found.removed(&before).expect("memory"), found.strength());
             assert!((found / strength - 1.0).abs() < 0.35, "{found} of {strength}");

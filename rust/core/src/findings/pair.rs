@@ -20,6 +20,7 @@ use crate::estimation::overview::LEAST_SIZE;
 use crate::estimation::photometry::{Contrast, Photometry};
 use crate::estimation::range::{LEAST_CONFIDENCE, LeftOut, SearchRange};
 use crate::estimation::rows::RowOffsets;
+use crate::estimation::shared::Shared;
 use crate::finding::{Finding, Topic};
 use crate::rectification::{TWIST, least_twist};
 use phasestereo_match::base::math;
@@ -130,10 +131,8 @@ table! {
         remedy("it is subtracted for the match, but some of it stays; a dark frame or a flat field would remove a fixed one"),
         cause("a pattern that both images share", 0.0);
     // A share of each image.
-    Noise, Note, known.estimates.shared.crosstalk.map_or(vec![], |share| value(share, [percent(share)])),
-        "each image has {0} of the other one in it, as by crosstalk or a reflection",
-        remedy("it is subtracted for the match; separate the views better"),
-        cause("views that shine through each other", 0.0);
+    Noise, Note, crosstalk(known), "each image contains {0} of the other one, as with crosstalk or a reflection",
+        remedy("it is subtracted for the match; separate the views better"), cause("crosstalk", 0.0);
     // The noise that would do the same harm, as a share of the range of gray levels.
     Coding, Levels([0.006, 0.03]), coding(known),
         "compression has left blocks in the {0} image, as harmful as noise of {1} gray levels",
@@ -558,7 +557,17 @@ fn noise(known: &Known) -> Vec<Measured> {
 }
 
 fn shared_pattern(known: &Known) -> Vec<Measured> {
-    known.estimates.shared.pattern.map_or(vec![], |strength| value(strength, [two_digits(strength)]))
+    match known.estimates.shared {
+        Some((Shared::Pattern, strength)) => value(strength, [two_digits(strength)]),
+        _ => vec![],
+    }
+}
+
+fn crosstalk(known: &Known) -> Vec<Measured> {
+    match known.estimates.shared {
+        Some((Shared::Crosstalk(share), _)) => value(share, [percent(share)]),
+        _ => vec![],
+    }
 }
 
 fn coding(known: &Known) -> Vec<Measured> {

@@ -3,7 +3,7 @@
 use crate::estimation::overview::Seen;
 use crate::estimation::photometry::{Contrast, Photometry};
 use crate::estimation::raster::resolved;
-use crate::estimation::shared::Subtrahend;
+use crate::estimation::shared::SharedPart;
 use crate::match_pair::Treatment;
 use crate::preparation::SMOOTHED_FROM;
 use crate::preparation::back::Back;
@@ -33,8 +33,8 @@ pub struct Channels<'a> {
     pub smoothing: [f64; 2],
     /// The blur classes of the pixels of each image; `None`: there is one.
     classes: [Option<Plane<u8>>; 2],
-    /// What both images share.
-    pub shared: Option<&'a Subtrahend>,
+    /// The part of both images that they share.
+    pub shared: Option<&'a SharedPart>,
     /// The curve of the right image's gray levels.
     pub tone: Option<&'a Tone>,
 }

@@ -2,6 +2,7 @@
 
 use super::channels::Channels;
 use crate::estimation::raster::Raster;
+use crate::estimation::shared::Shared;
 use crate::match_pair::Treatment;
 use crate::preparation::back::Back;
 use phasestereo_match::pair::blur_compensation::BlurCompensation;
@@ -25,8 +26,14 @@ impl WorkDone {
             let ((a, b), (c, d)) = (fit.from, fit.to);
             work.add(RIGHT, format!("the right image is resampled from {b} x {a} to {d} x {c} pixels"));
         }
-        if channels.shared.is_some() {
-            work.add([true; 2], "what both images show at the same place is subtracted".into());
+        match estimates.shared {
+            Some((Shared::Pattern, _)) => {
+                work.add([true; 2], "the pattern that both images share is subtracted".into());
+            }
+            Some((Shared::Crosstalk(share), _)) => {
+                work.add([true; 2], format!("crosstalk of {:.0} % is subtracted", 100.0 * share));
+            }
+            None => {}
         }
         work.add_rasters(ready.rasters);
         if ready.raw.is_some() {

@@ -45,7 +45,7 @@ pub enum Fault {
     Interlaced,
     /// Pixels of both images are behind filters of different colors.
     Mosaic,
-    /// Each image has a fifth of the other one in it; texture is coarse.
+    /// Each image contains a fifth of the other one; texture is coarse.
     Crosstalk,
     /// The right image is darker toward its corners, and has 16 bits.
     Vignetting,

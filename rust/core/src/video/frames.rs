@@ -28,7 +28,7 @@ use crate::estimation::facts::{Direction, Fact, Facts, Rows};
 use crate::estimation::range::{self, Asked};
 use crate::estimation::raster::{Raster, resolved};
 use crate::estimation::rows::RowOffsets;
-use crate::estimation::shared::Subtrahend;
+use crate::estimation::shared::{Shared, SharedPart};
 use crate::estimation::tracks::{AROUND, follow_here};
 use crate::estimation::{Estimates, Prepared, complete, prepare};
 use crate::finding::{Finding, Severity};
@@ -194,6 +194,11 @@ impl Rig {
         self.sensors = Sensors::new(estimates, self.frames).or(self.sensors.take());
     }
 
+    /// What the images of these cameras share, and its standard deviation, as far as known.
+    fn shared(&self) -> Option<(Shared, f64)> {
+        self.appearance.as_ref().and_then(|appearance| appearance.estimates.shared)
+    }
+
     /// How the images of these cameras are read, as far as known.
     fn rasters(&self) -> [Raster; 2] {
         self.appearance.as_ref().map_or([Raster::Whole; 2], |appearance| appearance.rasters)
@@ -299,9 +304,8 @@ impl<'a> Followed<'a, '_> {
     /// The pair without what these images share, resolved.
     fn repaired(&self) -> Result<Cow<'a, Pair>> {
         let mut pair = Cow::Borrowed(self.pair);
-        let appearance = self.rig.appearance.as_deref();
-        if let Some(shared) = appearance.and_then(|appearance| appearance.estimates.shared.shared()) {
-            pair = Cow::Owned(Subtrahend::new(&pair, shared, self.runtime)?.removed(&pair)?);
+        if let Some((shared, _)) = self.rig.shared() {
+            pair = Cow::Owned(SharedPart::new(&pair, shared, self.runtime)?.removed(&pair)?);
         }
         let rasters = self.rig.rasters();
         if rasters != [Raster::Whole; 2] {
@@ -566,6 +570,7 @@ impl<'a> Followed<'a, '_> {
 
         let settings = self.options.settings;
         let (pair, estimates) = complete(pair, facts, settings, self.runtime)?;
+        let estimates = Estimates { shared: self.rig.shared(), ..estimates };
         let estimates = findings::with_findings(estimates, &pair, settings);
         let found = Geometry::new(&pair, &estimates, Some(Arc::clone(raw)));
         Ok((found, self.matched(pair, estimates, facts)?))
